@@ -10,6 +10,7 @@ VENV ?= .venv
 WORKERS ?= 2
 PINS ?= constraints.txt
 BIN := $(VENV)/bin
+DEMO := $(VENV)/.stancekit-demo-installed
 STAMP := $(VENV)/.stancekit-installed
 DOCS := $(VENV)/.stancekit-docs-installed
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
@@ -30,18 +31,29 @@ help:  ## list these targets
 
 setup: $(STAMP)  ## make .venv and install what is needed (again only when the requirements change)
 
-$(STAMP): pyproject.toml setup.py constraints.txt
+# Each step that is done stays done, whether the next one breaks off or not.
+STOPPED = { echo "setup stopped: no network, or no room on the disk? pip says which above. Type make $(or $(MAKECMDGOALS),setup) again: it goes on where it stopped"; exit 1; }
+
+# The demo's own part: nothing of it is compiled to bytecode before it is used, which saves a tenth of the disk.
+$(DEMO): pyproject.toml setup.py constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "Python 3.11 or newer is needed, and there is no $(PYTHON); try: make $(or $(MAKECMDGOALS),setup) PYTHON=/path/to/python"; exit 1; }
 	@$(PYTHON) -c 'import platform, sys; sys.exit(sys.version_info < (3, 11) and f"Python 3.11 or newer is needed, and $(PYTHON) is {platform.python_version()}; try: make $(or $(MAKECMDGOALS),setup) PYTHON=/path/to/python")'
-	@echo "setup 1/4: an environment in $(VENV)"
-	@$(PYTHON) -m venv $(VENV)
-	@$(PIP) install -c $(PINS) "setuptools>=77"
-	@echo "setup 2/4: stancekit and what it runs on (numpy, cvxpy, clarabel, casadi, gymnasium, ...)"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e .
-	@echo "setup 3/4: torch, Ray, the other solvers, simulators (the largest download, some minutes on a slow line)"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,evo,ray,datasets,kin,bullet,mujoco,terrain,viz,dynamixel,ros,log]"
-	@echo "setup 4/4: tools for testing and checking"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]"
+	@echo "setup 1 of 4  [=         ]  an environment in $(VENV)"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || $(STOPPED)
+	@$(PIP) install --no-compile -c $(PINS) "setuptools>=77" || $(STOPPED)
+	@echo "setup 2 of 4  [==        ]  numpy, scipy, solvers"
+	@$(PIP) install --no-compile -c $(PINS) numpy scipy clarabel highspy scikit-learn matplotlib || $(STOPPED)
+	@echo "setup 3 of 4  [=====     ]  cvxpy, casadi"
+	@$(PIP) install --no-compile -c $(PINS) cvxpy casadi || $(STOPPED)
+	@echo "setup 4 of 4  [========  ]  stancekit, pinocchio, MuJoCo, meshes and pages"
+	@$(PIP) install --no-compile -c $(PINS) --no-build-isolation -e ".[kin,mujoco,terrain,viz]" || $(STOPPED)
+	@touch $@
+
+$(STAMP): $(DEMO)
+	@echo "setup, what tests need: torch, Ray, the other solvers and simulators (the largest download, some minutes)"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,evo,ray,datasets,bullet,film,dynamixel,ros,log]" || $(STOPPED)
+	@echo "setup, what tests need: tools for testing and checking"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]" || $(STOPPED)
 	@touch $@
 	@echo "setup done: $(BIN)/stancekit"
 
@@ -64,13 +76,11 @@ docs: $(DOCS)  ## build the pages into docs/_build/html: warnings are errors, ex
 	@echo "docs/_build/html/index.html"
 
 $(DOCS): $(STAMP)
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[docs]"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[docs]" || $(STOPPED)
 	@touch $@
 
-demo: setup  ## plan on sampled terrain and write pictures and files to out/demo
+demo: $(DEMO)  ## install what it needs, then plan, judge and simulate a robot over a terrain: out/demo
 	@$(BIN)/stancekit demo --out out/demo
-	@$(BIN)/stancekit plan icy-walls --out out/demo/climb.json --picture out/demo/climb.png
-	@$(BIN)/stancekit simulate out/demo/climb.json
 
 gallery: setup  ## make the pictures, films and pages of docs/gallery.md again: minutes
 	@$(BIN)/python docs/gallery.py

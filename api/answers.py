@@ -6,19 +6,69 @@ from typing import overload
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import RecheckReport, recheck
-from stancekit.planners.answer.outcome import Certificate, Posture
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
+from stancekit.planners.answer.plan import Plan, PlanOutcome
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
-from stancekit.planners.verify import CertificateReport, Report, check_certificate, check_plan, check_posture
-from stancekit.planners.verify import explain as _explain
+from stancekit.planners.verify import (
+    CertificateReport,
+    Explanation,
+    Report,
+    check_certificate,
+    check_plan,
+    check_posture,
+)
+from stancekit.planners.verify import explain as explain_proof
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 
 from .arguments import checked
 
-explain = checked(_explain)
+
+@checked
+def explain(
+    subject: Outcome | PlanOutcome | PostureProblem | Course,
+    certificate: Certificate | None = None,
+    *,
+    tolerance: float | None = None,
+) -> Explanation:
+    """Why is there no posture, or no plan: how far each single parameter must change before the certificate fails.
+
+    Parameters of a posture problem: friction, reach and largest normal force of each contact, COM radius, tilt limit,
+    the cheapest growth first. Of a course, for its weakest leaf: the limits of E11, reach, COM radius and friction
+    where the proof pulls most, the one that changes least relative to what it is first.
+
+    Arguments:
+        subject: an infeasible answer of ``solve`` or ``plan``, which has its problem and its certificate; or a posture
+            problem or a course with a ``certificate``.
+        certificate: that it has no answer.
+        tolerance: largest moment residual that a proof leaves open, non-dimensional; the verifier's own where None.
+    Returns:
+        An ``Explanation``: ``message`` in one line, and ``relaxations``, what each parameter would have to become at
+        least. A certificate that is not accepted explains nothing: no relaxations, and the message says why.
+    Raises:
+        InvalidInput: for an answer that is not infeasible, and a certificate beside an answer or none without. A bad
+            certificate is refused in the message.
+    Source:
+        Lagrangian bounds of E1-E11.
+    Example:
+        >>> import stancekit
+        >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
+        >>> stancekit.explain(outcome).relaxations[0].parameter
+        'friction'
+    """
+    if isinstance(subject, Outcome | PlanOutcome):
+        if certificate is not None:
+            raise InvalidInput("certificate: expected none with an answer, which has its own, got a Certificate")
+        if subject.problem is None or subject.certificate is None or subject.status is not Status.INFEASIBLE:
+            raise InvalidInput(f"explain: expected an answer that is infeasible, got one that is {subject.status}")
+        return explain_proof(subject.problem, subject.certificate, tolerance=tolerance)
+    if certificate is None:
+        raise InvalidInput(f"certificate: expected one with a {type(subject).__name__}, got none")
+    return explain_proof(subject, certificate, tolerance=tolerance)
+
+
 
 
 @overload

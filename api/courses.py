@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Literal
 
 from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
@@ -16,8 +18,8 @@ from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.methods import PlannerOptions, Relaxation, make_course_planner
+from stancekit.planners.search.methods import PlannerOptions, Relaxation, make_course_planner, verified
+from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
 
 from .arguments import checked
 
@@ -58,12 +60,14 @@ def plan(
         torque_share: a plan that asks for more torque than there is is bent until this share of it is enough.
         clearance_m: where links go through each other or the terrain, at key frames or between them, a plan is bent
             until they are so far apart [m].
-        time_limit_s: what is not decided by then is undecided [s].
+        time_limit_s: for all of it, bending and judging included; what is not decided by then is undecided, and what
+            there is so far is in the outcome [s]. A planner that was made before keeps to its own limit, too.
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
     Returns:
-        A ``PlanOutcome``: feasible with a ``plan`` that the verifier accepted in every stance and between them,
-        infeasible with a certificate, or undecided, also with a plan whose joints cannot do it or whose bodies collide.
-        ``bound`` is a proved lower bound on the objective of any plan.
+        A ``PlanOutcome``: feasible with a ``plan`` that the verifier accepted in every stance and between them, as far
+        as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a robot's own
+        legs, for the course in ``problem``; or undecided, also with a plan whose joints cannot do it, whose bodies
+        collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan.
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown planner, or envelopes that are missing or have
             no use.
@@ -75,14 +79,18 @@ def plan(
         >>> outcome.status.value, outcome.plan.com_m.shape
         ('feasible', (4, 3))
     """
+    deadline = time.perf_counter() + checked_number(time_limit_s, "time_limit_s", least=0.0)
     if isinstance(course, PostureProblem):
         course = Course.of_posture(course)
+    question: Course | LayOut
     if not isinstance(course, Course):
-        course = read_course(course, frames, None if robot is None else str(robot))
+        question = _question(str(course), frames, None if robot is None else str(robot))
     elif robot is not None:
         raise InvalidInput(f"robot: expected none with a course that is laid out, got {robot}")
     elif frames not in (None, course.frames):
         raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
+    else:
+        question = course
     limits = WholeBodyLimits(torque_nm=torque_nm, share=torque_share, clearance_m=clearance_m)
     chosen = planner
     if isinstance(chosen, str):
@@ -91,9 +99,14 @@ def plan(
             programs=Programs(engine=engine),
         )  # fmt: skip
         chosen = make_course_planner(chosen, options)
-    outcome = plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)
-    if outcome.plan is None:
-        return outcome
-    from stancekit.planners.search.whole_body_outcome import with_whole_body  # slow to import
+    else:
+        chosen = verified(chosen)
+    shares = None if reserve else ALL_FRICTION
+    return plan_course(question, chosen, shares=shares, limits=limits, deadline=deadline)
 
-    return with_whole_body(outcome, limits)
+
+def _question(name: str, frames: int | None, robot: str | None) -> Course | LayOut:
+    """The course of a name or a file: what lays it out, but of JSON, whose candidates are fixed, the course."""
+    if Path(name).suffix == ".json":
+        return read_course(name, frames, robot)
+    return lambda sets: read_course(name, frames, robot, sets)

@@ -22,8 +22,9 @@ from stancekit.planners.gait import trajectory_file
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
-from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course
 from stancekit.planners.problem.course_json import course_to_json
+from stancekit.planners.problem.family_scene import family_name
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot.walker import named_walker
@@ -57,7 +58,8 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     """Read any of Stancekit's files, by what the file says that it is.
 
     Arguments:
-        path: a file, or the folder of a data set.
+        path: a file, or the folder of a data set; or the name of a course that ``plan`` takes ("walls",
+            "anymal-stairs"), where there is no such file.
         kind: what is expected, e.g. ``stancekit.Plan``; anything where it is not given. Type checkers then know it.
     Returns:
         PostureProblem, or a list of them where the file holds JSON lines or an array (``stancekit/posture/1``); Course
@@ -128,6 +130,8 @@ def save(
 def _read(path: Path) -> Any:
     if _is_folder(path):
         return Dataset.open(path)
+    if not path.exists() and (str(path) in (*builtin_courses(), *builtin_scenes()) or family_name(str(path))):
+        return read_course(path)
     if path.suffix == ".safetensors":
         return load_selector(path)
     if path.suffix in (".yaml", ".yml"):

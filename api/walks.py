@@ -28,6 +28,7 @@ def walk(
     *,
     start_xy_m: Array | Sequence[float] = (0.0, 0.0),
     heading_rad: float = 0.0,
+    heading_end_rad: float | None = None,
     robot: GaitRobot | str | Path | None = None,
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] = "trot",
     cycle_s: float | None = None,
@@ -45,6 +46,8 @@ def walk(
             (family, difficulty, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
         heading_rad: which way the robot faces at the start, from x towards y [rad].
+        heading_end_rad: which way it faces at the end; None where nothing is asked. It turns by the difference of the
+            two, on the spot where the goal is the start [rad].
         robot: "anymal", "hexapod", a .urdf file, a .yaml file that names one or has a walker's numbers, or what
             ``load`` gives of such a file; ANYmal where there is none.
         gait: order of the steps; tripod is for six feet, the others are for four.
@@ -81,6 +84,7 @@ def walk(
         start_xy_m=np.asarray(start_xy_m, dtype=np.float64),
         goal_xy_m=np.asarray(goal_xy_m, dtype=np.float64),
         start_yaw_rad=heading_rad,
+        end_yaw_rad=heading_end_rad,
         duration_s=duration_s,
         friction=friction,
         adhesive=tuple(name in adhesive for name in body.foot_names),

@@ -1,26 +1,3 @@
-"""What machines and hours are compared by."""
+"""What machines and hours are compared by: the same solves as in ``stancekit about``."""
 
-from __future__ import annotations
-
-import time
-
-import clarabel
-import numpy as np
-import scipy.sparse as sp
-
-
-def yardstick(solves: int = 1000) -> float:
-    """CPU time [s] of cold solves of one cone program of a posture's size: nothing of ours is in it."""
-    rng = np.random.default_rng(0)
-    n, cones = 45, 24
-    a = sp.csc_matrix(np.vstack([rng.normal(size=(6, n)), rng.normal(size=(3 * cones, n))]))
-    b = a @ rng.normal(size=n)
-    b[6::3] += 4.0
-    kinds = [clarabel.ZeroConeT(6), *[clarabel.SecondOrderConeT(3)] * cones]
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
-    hessian, q = sp.csc_matrix(np.eye(n)), rng.normal(size=n)
-    begin = time.process_time()
-    for _ in range(solves):
-        clarabel.DefaultSolver(hessian, q, a, b, kinds, settings).solve()
-    return time.process_time() - begin
+from stancekit.planners.equilibrium.yardstick import yardstick as yardstick

@@ -29,10 +29,10 @@ from _bench import Options, launch, resting, servos
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.worlds.dynamixel.calibration import Calibration
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.bus_faults import KINDS, WRONG_CALIBRATION, BusFaults, spoiled
-from tests.emulators.servo_bus import BusProcess
 
 RUN_S, AFTER_S = 3.0, 1.0
 

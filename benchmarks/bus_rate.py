@@ -31,11 +31,11 @@ from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import Tracker
+from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.motion.time_parametrization import parametrize
 from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.worlds.dynamixel.calibration import nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
-from tests.emulators.servo_bus import BusProcess
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,13 +27,13 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.acceptance import Accepted
+from stancekit.runner.emulators.servo_bus import ServoBus
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.dynamixel.calibration import Turning, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
-from tests.emulators.servo_bus import ServoBus
 
 SERVOS = Actuators(joints={"*": "XM540-W270"})
 STIFFNESS_NM_RAD, CURRENT_A = 28.4, 5.5

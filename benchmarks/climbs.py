@@ -40,9 +40,8 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.contact_robot import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import make_course_planner
-from stancekit.planners.search.whole_body_outcome import judged_whole_body
+from stancekit.planners.search.plan_course import plan_course
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -152,7 +151,8 @@ def ran(accepted: Accepted, arguments: Arguments) -> Row:
 def planned(path: Path, file: str, terrain: str, rng: np.random.Generator) -> str:
     """Write an accepted plan over a drawn course; why there is none, empty where there is."""
     course = build_course(spec_from(course_of(named_robot(file), file, STEPS[terrain], rng)))
-    outcome, report = judged_whole_body(plan_with_reserve(make_course_planner("two-stage"), course))
+    outcome = plan_course(course, make_course_planner("two-stage"))
+    report = outcome.report
     if outcome.plan is None or report is None:
         return outcome.message or outcome.status.value
     if report.failures:

@@ -18,6 +18,7 @@ from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
+from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.run import Runner
 from stancekit.runner.safety.latch import StopLatch, Stopped
 from stancekit.runner.settings import RunSettings
@@ -25,7 +26,6 @@ from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
 from tests.emulators.bus_faults import BusFaults, spoiled
 from tests.emulators.memory_world import MemoryWorld
-from tests.emulators.servo_bus import BusProcess
 from tests.emulators.slipping import SlippingWorld
 
 OF_BUS = ("silent servo", "corrupted packets", "delay", "overload", "power loss", "cable pulled", "wrong calibration")
@@ -175,9 +175,9 @@ def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
 
 def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
     """The rosbridge goes away."""
+    from stancekit.runner.emulators.rosbridge import RosBridge
     from stancekit.runner.worlds.ros.driver import RosWorld
     from stancekit.runner.worlds.ros.setup import same_names
-    from tests.emulators.rosbridge import RosBridge
 
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
     robot = accepted.plan.course.robot

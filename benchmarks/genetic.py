@@ -24,7 +24,8 @@ from _bench import Options, launch
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
-from stancekit.learners.selectors.convergence import Generation, draw_convergence
+from stancekit.learners.selectors.convergence import Generation
+from stancekit.learners.selectors.convergence_plot import draw_convergence
 from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, extra
 from stancekit.learners.selectors.feasibility import CachingOracle, Counts, FeasibilityOracle, SolvingOracle
 from stancekit.learners.selectors.genetic import GeneticResult, GeneticSettings, evolve

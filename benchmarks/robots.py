@@ -20,7 +20,6 @@ import json
 import re
 import time
 from collections.abc import Iterator, Sequence
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ import numpy as np
 from robot_step import REACHED_M, step_line, step_row
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.inverse_kinematics import InverseKinematics, Seeds
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
@@ -52,7 +52,6 @@ EXAMPLES = (
     "human_description/robots/human",
 )  # fmt: skip
 """Those of the package that have legs."""
-INSIDE = {"pybullet": "pybullet_data", "example-robot-data": "cmeel.prefix/share/example-robot-data/robots"}
 STANCES, RANDOM = 1000, 100_000
 
 
@@ -93,21 +92,12 @@ def robots(folder: Path | None) -> Iterator[tuple[str, str]]:
         yield from ((path.stem, str(path)) for path in sorted(folder.rglob("*.urdf")))
         return
     for package, names in (("pybullet", PYBULLET), ("example-robot-data", EXAMPLES)):
-        root = package_folder(package)
+        root = provider_folder(package)
         for name in names:
             path = Path(f"{root}/{name}.urdf")
             if root is not None and path.exists():
                 where = path.relative_to(root).parts[0].split("_description")[0]
                 yield f"{package}: {where}/{path.stem}", str(path)
-
-
-def package_folder(package: str) -> Path | None:
-    """Where an installed distribution has its robots, or None."""
-    try:
-        folder = distribution(package).locate_file(INSIDE[package])
-    except PackageNotFoundError:
-        return None
-    return Path(str(folder)) if Path(str(folder)).is_dir() else None
 
 
 def row(name: str, file: str, legs: int) -> dict[str, Any]:

@@ -3,7 +3,7 @@
     python benchmarks/ros_faults.py [--kinds …] [--count 20] [--seed 0] [--ros 2] [--ending hold] [--json]
 
 All 24 joints swing by ±0.4 rad at 0.4 Hz, streamed at 50 Hz through the guard (``SafeWorld``) to the emulator of
-``tests/emulators``, in the same process or, for "host killed" (SIGKILL), in one of its own. A fault comes at a time
+``runner/emulators``, in the same process or, for "host killed" (SIGKILL), in one of its own. A fault comes at a time
 drawn from [0.3, 2] s. told: from the fault until the loop was stopped. still: from the fault until the last time that
 any joint of the emulated robot turned faster than 0.02 rad/s, seen every 5 ms. after: commands that the robot got
 beyond those sent before the stop, while the loop went on asking ten times more (for a host that was killed: later than
@@ -28,12 +28,12 @@ from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.emulators.rosbridge import FAULTS, RosBridge
 from stancekit.runner.safety.ending import Ending, end
 from stancekit.runner.safety.guard import SafeWorld
 from stancekit.runner.safety.latch import StopLatch, Stopped
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
-from tests.emulators.rosbridge import FAULTS, RosBridge
 
 ROBOT = hexapod()
 JOINTS = joint_names(ROBOT)

@@ -30,12 +30,12 @@ from stancekit.cli.main import main as command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
-from tests.emulators.rosbridge import BridgeProcess
-from tests.emulators.servo_bus import BusProcess
+from tests.emulators.bridge_process import BridgeProcess
 
 SIGNALS = {name: getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1")}
 TERMINAL = ("key", "closed terminal", "lost line")
@@ -165,13 +165,13 @@ def stopped(kind: str, path: Path, start: Array, index: int, rng: np.random.Gene
     ending, joints = ("hold", "torque-off")[index // 4 % 2], joint_names(hexapod())
     most_s = (ARMING_S, ARMING_S, FIRST_S, LATEST_S)[index % 4]
     ros = kind in BY_ROS
-    with tempfile.TemporaryDirectory() as name, (BridgeProcess if ros else BusProcess)(start.tolist()) as device:
+    with tempfile.TemporaryDirectory() as name, (BridgeProcess(path) if ros else BusProcess(start.tolist())) as device:
         folder = Path(name)
         arguments = [
             "run", str(path), "--world", "ros" if ros else "dynamixel", "--setup", str(folder / "setup.yaml"), "--arm",
             "--hung", "--ending", ending, "--log", str(folder / "run.mcap"), "--stop-file", str(folder / "stop"),
         ]  # fmt: skip
-        topic = BridgeProcess(start.tolist()) if kind in TOPIC else None
+        topic = BridgeProcess(path) if kind in TOPIC else None
         if topic is not None:
             arguments += ["--stop-topic", f"127.0.0.1:{topic.port}/e_stop"]
         if isinstance(device, BridgeProcess):

@@ -10,11 +10,12 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import emit, out, progress
+from .console import as_options, emit, out, progress
 from .names import ROBOT, TERRAIN, named
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
+    from stancekit.learners.data.executor import Executor
     from stancekit.learners.training.fit_settings import FitSettings
     from stancekit.planners.relaxation.envelope import EnvelopeSet
 
@@ -63,6 +64,12 @@ class Fit:
     """Data set folder to calibrate a neural selector on; without it a part of the data set is kept for that."""
     checkpoint: OptionalPath = None
     """File (rl: folder) by which ga, neural and rl go on where they were stopped."""
+    workers: int = 1
+    """Processes of ga, which tests a generation on all of them; the result does not depend on them."""
+    executor: Literal["processes", "ray"] = "processes"
+    """Where ga tests a generation: on this machine, or on a Ray cluster."""
+    address: OptionalText = None
+    """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
     """Print the result as one JSON object."""
 
@@ -83,9 +90,9 @@ class Fit:
         for dataset in datasets:
             check_of(dataset, self.robot, self.terrain)
         held = None if self.calibration is None else Dataset.open(self.calibration)
-        settings = self._settings()
+        settings, run = self._settings(), self._executor()
         with progress(f"fit {self.method}") as bar:
-            learned = learn(self.method, datasets, settings, bar, calibration=held, checkpoint=self.checkpoint)
+            learned = learn(self.method, datasets, settings, bar, calibration=held, checkpoint=self.checkpoint, run=run)
         if isinstance(learned, Modes):
             write_boxes(self.out, learned)
             return self._said(learned.boxes.problem_class, "modes", learned.boxes)
@@ -107,6 +114,18 @@ class Fit:
         else:
             out.print(line)
         return 0
+
+    def _executor(self) -> Executor:
+        """Where generations run. Raises InvalidInput, also where the method has none."""
+        from stancekit.learners.data.executor import executor
+        from stancekit.learners.training.fit_settings import SPREAD
+
+        given = {"workers": self.workers != 1, "executor": self.executor != "processes", "address": self.address}
+        for name, wanted in given.items():
+            if wanted and self.method not in SPREAD:
+                raise InvalidInput(f"--{name}: expected with --method {' or '.join(SPREAD)}, got {self.method}")
+        with as_options():
+            return executor(self.executor, workers=self.workers, address=self.address)
 
     def _settings(self) -> FitSettings:
         """The options and what the configuration file adds. Raises InvalidInput."""

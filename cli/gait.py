@@ -11,7 +11,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 
 from . import gait_options
 from .console import as_options, emit, err, out
-from .options import OptionalFloat, OptionalInt, OptionalPath, check_drawn
+from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn
 from .terrain_options import OF_FILE, TerrainFile
 from .watch import interruptible, watching
 
@@ -52,6 +52,9 @@ class Gait:
     heading: Annotated[str, tyro.conf.arg(metavar="RAD|goal")] = "0"
     """Which way the robot faces, from x towards y [rad], or goal. It walks in any direction; out of a pit it has to
     face its goal, for the feet that stick are in front."""
+    heading_end: Annotated[OptionalText, tyro.conf.arg(metavar="RAD|goal")] = None
+    """Which way it faces at the end; as at the start, and not asked for, where there is none. It turns by the
+    difference, on the spot where --goal is --start."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
     """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra kin) or has a walker's numbers."""
     chart: Annotated[str, tyro.conf.arg(metavar="CHART|FILE.py:NAME")] = "portfolio"
@@ -101,7 +104,7 @@ class Gait:
     convergence: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the violation at every iteration."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of the motion (extras mujoco and viz, and a GL library)."""
+    """Film of the motion (extra film, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page with the motion in 3D, to be opened without a network."""
     json: bool = False
@@ -186,6 +189,10 @@ class Gait:
                 start_xy_m=start,
                 goal_xy_m=goal,
                 start_yaw_rad=gait_options.heading(self.heading, goal - start),
+                end_yaw_rad=(
+                    None if self.heading_end is None
+                    else gait_options.heading(self.heading_end, goal - start, "--heading-end")
+                ),
                 duration_s=self.duration_s,
                 friction=self.friction,
                 adhesive=tuple(name in sticky for name in robot.foot_names),
@@ -268,6 +275,9 @@ class Gait:
                 for name, each in found.items()
             ]
             out.print(f"whole body: {', '.join(parts)}", highlight=False)
+        if (model := best.trajectory.robot.model) is not None:
+            for line in model.unrunnable:
+                out.print(f"cannot be run: {line}", highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

@@ -84,6 +84,7 @@ def record(plan: GaitPlan, best: Attempted, terrain: str, written: Path | None) 
         "cpu_seconds": plan.seconds,
         "figures": dict(best.report.figures),
         "joints": joints(best),
+        "cannot_run": [] if (model := best.trajectory.robot.model) is None else list(model.unrunnable),
         "attempts": [_attempt_record(plan, index) for index in range(len(plan.attempts))],
         "failures": list(plan.failures),
     }

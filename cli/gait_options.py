@@ -25,7 +25,7 @@ def place(text: str, option: str) -> Array:
     return np.array([x, y])
 
 
-def heading(text: str, way: Array) -> float:
+def heading(text: str, way: Array, option: str = "--heading") -> float:
     """An angle, or that of the way to the goal [rad]."""
     from stancekit.planners.files.validation import shown
 
@@ -34,7 +34,7 @@ def heading(text: str, way: Array) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InvalidInput(f"--heading: expected an angle in rad, or goal, got {shown(text)}") from None
+        raise InvalidInput(f"{option}: expected an angle in rad, or goal, got {shown(text)}") from None
 
 
 def robot(name: str) -> GaitRobot:
@@ -50,7 +50,7 @@ def robot(name: str) -> GaitRobot:
 
 def in_options(message: str) -> str:
     """A task's message with the names of its fields as the options that gave them."""
-    names = {"start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading"}
+    names = {"start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading", "end_yaw_rad": "heading_end"}
     parts = []
     for part in message.split("; "):
         name, colon, rest = part.partition(":")

@@ -11,14 +11,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Protocol
-
-import tyro
-
-from stancekit.planners.errors import InvalidInput, StancekitError
-
-from .console import complain, results_alone
-from .slips import slip
 
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
@@ -52,8 +46,8 @@ VERBS = {
     "proposers": "TrainProposers",
     "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "play": "Play",
     "simulate": "Simulate",
-    "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "robot": "Robot", "warp": "Warp", "gait": "Gait",
-    "bench": "Bench", "demo": "Demo",
+    "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "emulate": "Emulate", "robot": "Robot",
+    "warp": "Warp", "gait": "Gait", "bench": "Bench", "demo": "Demo", "about": "About",
 }  # fmt: skip
 """The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
 
@@ -98,9 +92,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def overview() -> str:
     """What ``stancekit --help`` says: a line or two a verb."""
     usage = "usage: stancekit VERB [OPTIONS]; stancekit VERB --help says more"
-    briefs = (f"  {name:9} {(verb.__doc__ or '').splitlines()[0]}" for name, verb in verbs().items())
+    briefs = (f"  {name:9} {brief(name)}" for name in VERBS)
     lines = (textwrap.fill(brief, width=80, subsequent_indent=" " * 12) for brief in briefs)
     return "\n".join([usage, "", DESCRIPTION, "", "Verbs:", *lines])
+
+
+def brief(name: str) -> str:
+    """The first line of a verb's docstring, read from its file: to import all of them takes a second."""
+    import ast
+
+    source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.ClassDef) and node.name == VERBS[name]:
+            return (ast.get_docstring(node) or "").splitlines()[0]
+    raise LookupError(f"{name}.py: expected class {VERBS[name]}")
 
 
 def verbs() -> dict[str, type[Verb]]:
@@ -110,6 +115,11 @@ def verbs() -> dict[str, type[Verb]]:
 
 def parse(arguments: Sequence[str]) -> Verb:
     """The verb that the arguments name, with its options. Exits with 2 after one line where they are wrong."""
+    import tyro
+
+    from .console import complain
+    from .slips import slip
+
     if arguments[0] not in VERBS:
         complain(f"stancekit: error: VERB: expected one of {', '.join(VERBS)}, got {arguments[0]!r}")
         sys.exit(2)
@@ -168,6 +178,10 @@ def _verb(name: str) -> type[Verb]:
 
 def run(verb: Verb) -> int:
     """Run a verb; what goes wrong on purpose becomes one line and an exit code."""
+    from stancekit.planners.errors import InvalidInput, StancekitError
+
+    from .console import complain, results_alone
+
     try:
         with _without_warnings(), results_alone() if getattr(verb, "json", False) else nullcontext():
             return verb.run()
@@ -196,6 +210,8 @@ def _without_warnings() -> Iterator[None]:
 def _ended_by(error: BaseException) -> int:
     """The exit code for what nobody raised on purpose, after one line. Raises what is no error, as SystemExit."""
     from stancekit.planners.plugins import blamed
+
+    from .console import complain
 
     theirs = blamed(error)
     if os.environ.get(TRACE) and (theirs or not isinstance(error, OSError | MemoryError)):

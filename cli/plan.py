@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
     from stancekit.planners.problem.course import Course
     from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+    from stancekit.planners.robot.contact_robot import Sets
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
@@ -102,7 +104,8 @@ class PlanCourse:
     """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as the paper has them
     (much slower)."""
     time_limit_s: float = 60.0
-    """Limit for the planner; what is not decided by then is undecided [s]."""
+    """Limit for all of it, bending and judging included; what is not decided by then is undecided, and what there is so
+    far is said and written [s]."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
     proof: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
@@ -110,7 +113,7 @@ class PlanCourse:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the plan: .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of the plan's motion (extras mujoco and viz, and a GL library)."""
+    """Film of the plan's motion (extra film, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page in three dimensions that a browser opens from disk, without a network (extra viz)."""
     json: bool = False
@@ -120,24 +123,25 @@ class PlanCourse:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.answer.outcome import Status
         from stancekit.planners.answer.proof_file import write_proof
-        from stancekit.planners.search.friction_margin import plan_with_reserve
-        from stancekit.planners.search.reach_sets import refuted
+        from stancekit.planners.files.arrays import checked
+        from stancekit.planners.search.plan_course import ALL_FRICTION, plan_course
 
+        deadline = time.perf_counter() + self.time_limit_s
         self._check()
+        checked(self.time_limit_s, "--time-limit-s", least=0.0)
         planner = self._planner()
-        course = self.between.course(self.course, self.frames, self.robot, reach=self.reach)
-        with progress(f"plan {course.name} by {self.planner}") as bar:
-            bar(0, 2, "contacts and forces")
-            outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
-            if self._has_sets(course) and outcome.certificate is not None:
-                around = self.between.course(self.course, self.frames, self.robot, "outer")
-                course, outcome = refuted(course, outcome, around, planner.solve(around))
-            bar(1, 2, "joints, torques and bodies")
-            outcome, report = self._whole_body(outcome)
+        first = self._laid_out("inner")
+        question = first if self.course.endswith(".json") else self._laid_out
+        with progress(f"plan {first.name} by {self.planner}"):
+            outcome = plan_course(
+                question, planner, shares=None if self.reserve else ALL_FRICTION, limits=self._limits(),
+                deadline=deadline,
+            )  # fmt: skip
+        course, report = outcome.problem or first, outcome.report
         if outcome.plan is not None and report is not None:
             self._write(outcome.plan, report)
         proved = outcome.certificate is not None
-        message = message_of(course, outcome)
+        message = message_of(outcome)
         if self.proof is not None and outcome.certificate is not None:
             write_proof(self.proof, course, outcome.certificate)
         if self.json:
@@ -158,19 +162,10 @@ class PlanCourse:
         with as_options("torque_nm", "torque_share", "clearance_m"):
             return WholeBodyLimits(torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m)
 
-    def _whole_body(self, outcome: PlanOutcome) -> tuple[PlanOutcome, Report | None]:
-        """With joint angles, within torque limits, where the legs are known; and what the verifier says of all of it,
-        along its motion, too."""
-        from stancekit.planners.search.whole_body_outcome import judged_whole_body  # slow to import
-
-        return judged_whole_body(outcome, self._limits())
-
-    def _has_sets(self, course: Course) -> bool:
-        """Whether the course has inner and outer sets of a robot's own legs; one in JSON has what it has."""
-        return course.robot.model is not None and not self.course.endswith(".json")
-
-    def _reserved(self) -> bool:
-        return self.reserve and self.planner == "two-stage"
+    def _laid_out(self, sets: Sets) -> Course:
+        """The course over these sets of the robot's legs; folders of reach are in place of the inner ones."""
+        reach = self.reach if sets == "inner" else None
+        return self.between.course(self.course, self.frames, self.robot, sets, reach)
 
     def _outputs(self) -> list[Path]:
         return [path for path in (self.out, self.picture, self.video, self.html) if path is not None]
@@ -249,6 +244,8 @@ class PlanCourse:
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
         yield from bent_lines(outcome.details)
         yield report.joints_message
+        if (model := plan.course.robot.model) is not None:
+            yield from (f"cannot be run: {line}" for line in model.unrunnable)
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"
@@ -267,6 +264,7 @@ class PlanCourse:
             "status": outcome.status.value,
             **{name: or_null(getattr(outcome, name)) for name in numbers},
             "solves": outcome.solves,
+            "sets": outcome.sets,
             "claim": outcome.claim,
             "message": message,
             "details": {name: or_null(float(value)) for name, value in outcome.details.items()},
@@ -275,5 +273,7 @@ class PlanCourse:
             arrays = plan_arrays(outcome.plan).items()
             record["verdict"] = report.to_json()
             record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
+            model = outcome.plan.course.robot.model
+            record["cannot_run"] = [] if model is None else list(model.unrunnable)
             record["files"] = [str(path) for path in self._outputs()]
         return record

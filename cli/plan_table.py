@@ -28,13 +28,14 @@ def table_of(course: Course, outcome: PlanOutcome) -> Table:
     return table
 
 
-def message_of(course: Course, outcome: PlanOutcome) -> str:
-    """What the planner says; of a course that is refuted, the reason that the proof gives."""
-    if outcome.certificate is None:
+def message_of(outcome: PlanOutcome) -> str:
+    """The planner's message; of a course that is refuted, the reason that the proof gives, and the sets it is over."""
+    if outcome.certificate is None or outcome.problem is None:
         return outcome.message
     from stancekit.planners.verify import explain
 
-    return explain(course, outcome.certificate).message
+    message = explain(outcome.problem, outcome.certificate).message
+    return message if outcome.sets is None else f"{message}; proved over the {outcome.sets} sets of its legs"
 
 
 def row(numbers: Sequence[int]) -> str:

@@ -9,7 +9,7 @@ import tyro
 from rich.table import Table
 
 from .console import emit, out
-from .options import OptionalPath
+from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.planners.robot.robot_model import RobotModel
@@ -20,18 +20,20 @@ if TYPE_CHECKING:
 class Robot:
     """Read a robot: legs, feet, joints, limits, torques, mass, and what each foot reaches. Guesses are marked.
 
-    ROBOT is hexapod, a .urdf file, or a .yaml file that names one and corrects it: the same wherever a robot is asked
-    for. Legs and feet are found by their shape and names; a .yaml file may say them (docs/formats.md).
+    ROBOT is a name, a .urdf file, or a .yaml file that names one and corrects it: the same wherever a robot is asked
+    for. Without ROBOT the command lists the names. Legs and feet are found by their shape and names; a .yaml file may
+    say them (docs/formats.md).
 
-      stancekit robot go1.urdf --picture go1.png
+      stancekit robot
+      stancekit robot go1 --picture go1.png
 
     reach: how far from its hip a foot gets. cover: share of what a foot reaches, usefully below its hip, that plans may
     use, a convex polytope; unreachable: share of that polytope that the leg does not reach. Proofs use an outer set
     that nothing reachable is outside of.
     """
 
-    robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")]
-    """A built-in name, a .urdf file, or a .yaml file that names one."""
+    robot: Annotated[OptionalText, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")] = None
+    """A name, a .urdf file, or a .yaml file that names one; none lists the names."""
     srdf: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """SRDF file: pairs of links that may touch, and a posture to stand in."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
@@ -46,6 +48,8 @@ class Robot:
         from stancekit.planners.robot.robot_file import named_robot
         from stancekit.planners.robot.workspace_cache import workspaces_of
 
+        if self.robot is None:
+            return self._list()
         if self.picture is not None:
             check_writable(self.picture)
         model = named_robot(self.robot, srdf=self.srdf)
@@ -71,6 +75,29 @@ class Robot:
             out.print(f"{remark.kind}: {remark.text}")
         if trouble:
             out.print(f"no workspace: {trouble}")
+        return 0
+
+    def _list(self) -> int:
+        """Print the robots with a name, and what installs the URDF of each. Raises InvalidInput for an option."""
+        from stancekit.planners.errors import InvalidInput
+        from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
+        from stancekit.planners.robot.robot_file import BUILT_IN, read_keys
+
+        for name, value in (("--picture", self.picture), ("--srdf", self.srdf)):
+            if value is not None:
+                raise InvalidInput(f"{name}: expected a robot with it, got none")
+        rows = [(name, "stancekit", True) for name in BUILT_IN]
+        for name, path in catalogue().items():
+            provider = read_keys(path).provider
+            rows.append((name, provider, provider_folder(provider) is not None))
+        if self.json:
+            for name, provider, there in rows:
+                emit({"name": name, "provider": provider, "installed": there})
+            return 0
+        table = _columns("robot", "URDF from", "")
+        for name, provider, there in rows:
+            table.add_row(name, provider, "" if there else f"pip install 'stancekit[{PROVIDERS[provider][1]}]'")
+        out.print(table)
         return 0
 
 

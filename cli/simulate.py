@@ -49,7 +49,7 @@ class Simulate:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the end, .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Film, .mp4, at twice the pace (extras mujoco and viz, and a GL library)."""
+    """Film, .mp4, at twice the pace (extra film, and a GL library)."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File for what was recorded every 5 ms, .npz."""
     json: bool = False

@@ -4,5 +4,5 @@ from pathlib import Path
 
 
 def config_path(name: str) -> Path:
-    """Path of a configuration file that comes with the package, e.g. ``demo.yaml``."""
+    """Path of a configuration file that comes with the package, e.g. ``zoo.yaml``."""
     return Path(__file__).parent / name

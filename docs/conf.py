@@ -9,7 +9,7 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE / "extensions")]
+sys.path[:0] = [str(HERE), str(HERE / "extensions"), str(HERE.parent)]
 os.environ.setdefault("MPLBACKEND", "agg")
 
 # Examples write files where they are run: in a copy that the build throws away, which begins without any.
@@ -32,6 +32,7 @@ extensions = [
     "mathml",
     "tied",
     "generated",
+    "pictures",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["_build", "gallery", "extensions", "examples", "sg_execution_times.rst"]

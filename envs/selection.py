@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.outcome import Posture
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.views.postures import draw_posture
-from stancekit.views.sheet import to_rgb
 
 from .distributions.postures import Distribution
 from .scenes import Scene, SceneKind, seen
@@ -147,6 +145,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         """Draw the scene, and after a step the envelope and the posture that P2 found in it."""
         if self._scene is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
+        from stancekit.views.postures import draw_posture
+        from stancekit.views.sheet import to_rgb
+
         posture, envelope = self._shown
         label = "feasible" if self._scene.feasible else "infeasible"
         why = "no posture chosen yet" if envelope is None else "P2 found no posture from this envelope"

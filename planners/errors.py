@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 
 class StancekitError(Exception):
     """Root of the errors that Stancekit raises on purpose.
@@ -34,3 +36,13 @@ class PlanningFailed(StancekitError):
 
 class HardwareFault(StancekitError):
     """A device did not do what it was told, or fell silent; the message says which part and what was seen."""
+
+
+class TimeEnded(StancekitError):
+    """Work that was given a deadline did not end by then; whoever gave it goes on with what there is."""
+
+
+def check_time(deadline: float) -> None:
+    """Raise TimeEnded after a deadline (``time.perf_counter()``)."""
+    if time.perf_counter() > deadline:
+        raise TimeEnded("the time limit ended")

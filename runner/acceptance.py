@@ -18,15 +18,14 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.trajectory_file import copied, read_trajectory
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
-from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.legged import robot_of
-from stancekit.planners.robot.single_body import GRAVITY_M_S2, GaitRobot
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.legged import walking_robot
+from stancekit.planners.robot.single_body import GRAVITY_M_S2
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.joints import joint_report
 from stancekit.planners.verify.report import plan_arrays
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
-from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
 from .worlds.world import Ground, World
 
@@ -54,6 +53,7 @@ class Accepted:
         report = _judged(plan)
         if not report.accepted:
             raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")
+        _check_hindrance(report, source)
         return cls(plan=plan, digest=report.digest, source=source)
 
     def check_fits(self, world: World) -> None:
@@ -86,11 +86,8 @@ class AcceptedGait:
             raise InvalidInput(f"{path}: expected a gait that the verifier accepts as its file says: {report.message}")
         if report.digest != record.verdict.get("digest"):
             raise InvalidInput(f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise")
-        _check_whole(report, str(path))
-        try:
-            robot = walker(record.trajectory.robot)
-        except InvalidInput as error:
-            raise InvalidInput(f"{path}: {error}") from None
+        _check_hindrance(report, str(path))
+        robot = walking_robot(record.trajectory.robot)
         return cls(trajectory=record.trajectory, robot=robot, digest=report.digest, source=str(path))
 
     @property
@@ -101,25 +98,6 @@ class AcceptedGait:
     def ground(self, friction_share: float = 1.0) -> Ground:
         """The terrain of a world, with this share of the friction that the gait counts on."""
         return Ground(heights=self.trajectory.terrain, friction=friction_share * self.trajectory.friction)
-
-
-def walker(robot: GaitRobot) -> Robot:
-    """The robot with limbs and joints that a gait was planned for. Raises InvalidInput where none is known.
-
-    A gait's robot is a body with reach boxes, which may carry the model of its legs; of the robots that come with the
-    package the hexapod has joints, too.
-    """
-    if (model := robot.model) is not None:
-        return robot_of(model)
-    known = hexapod()
-    shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
-    same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
-    if not same or not all(np.allclose(foot.hip_m, shoulders[foot.name]) for foot in robot.feet):
-        raise InvalidInput(
-            f"expected a gait of the {known.name}, whose joints are known, got one of {robot.name}, "
-            f"{robot.mass_kg:g} kg on {len(robot.feet)} feet"
-        )
-    return known
 
 
 @overload
@@ -142,10 +120,7 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
         raise InvalidInput(
             f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {_said(report)}"
         )
-    if isinstance(report, GaitReport):
-        _check_whole(report, source)
-    if isinstance(plain, Plan) and plain.course.has_soles:
-        raise InvalidInput(f"{source}: expected point feet, which can be executed, got soles")
+    _check_hindrance(report, source)
     if report.digest != digest:
         raise InvalidInput(
             f"{source}: expected what digest {digest!s:.12} is of, got {report.digest:.12}: changed since"
@@ -153,12 +128,11 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
     return plain
 
 
-def _check_whole(report: GaitReport, source: str) -> None:
-    """Raise InvalidInput unless all groups of a gait are checked. What the verifier cannot know of a robot without a
-    model, the runner asks the world's servos."""
-    robots_own = WHOLE_BODY if report.trajectory.robot.model is None else ()
-    if set(report.unchecked) - set(robots_own):
-        raise InvalidInput(f"{source}: expected a gait of which all groups are checked: {report.message}")
+def _check_hindrance(report: Report | GaitReport, source: str) -> None:
+    """Raise InvalidInput for what is accepted and no runner executes."""
+    if report.hindrance:
+        what = "plan" if isinstance(report, Report) else "gait"
+        raise InvalidInput(f"{source}: expected a {what} that can be executed, this one cannot: {report.hindrance}")
 
 
 def _judged(plan: Plan) -> Report:

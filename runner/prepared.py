@@ -12,9 +12,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.legged import foot_radii
+from stancekit.planners.robot.legged import foot_radii, walking_robot
 
-from .acceptance import Accepted, AcceptedGait, check_joints, proven, walker
+from .acceptance import Accepted, AcceptedGait, check_joints, proven
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
@@ -182,12 +182,7 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     if settings.odometry:
         raise InvalidInput("odometry: expected a plan, got a gait: two feet do not tell how the body is turned")
     trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
-    accepted = replace(accepted, trajectory=trajectory, robot=walker(trajectory.robot))
-    if trajectory.adhesive.any():
-        sticky = ", ".join(np.array(trajectory.robot.foot_names)[trajectory.adhesive])
-        raise InvalidInput(
-            f"{accepted.source}: expected feet that only push, got {sticky} that stick: no world has such"
-        )
+    accepted = replace(accepted, trajectory=trajectory, robot=walking_robot(trajectory.robot))
     check_joints(accepted.source, accepted.robot, world)
     motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)

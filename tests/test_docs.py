@@ -3,6 +3,7 @@
 import importlib
 import io
 import json
+import os
 import re
 import shlex
 import sys
@@ -288,3 +289,19 @@ def test_every_equation_and_algorithm_is_on_a_page_of_concepts(extension) -> Non
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "concepts").glob("*.md"))
     tied = {name.strip() for names in re.findall(r"```\{tied\} (.*)", text) for name in names.split(",")}
     assert tied == set(equations.EQUATIONS)
+
+
+def test_every_picture_of_the_pages_has_the_command_that_draws_it_and_one_older_than_the_code_is_drawn_anew(
+    extension, tmp_path: Path
+) -> None:
+    pictures = extension("pictures")
+    assert set(pictures.PICTURES) == {path.name for path in (DOCS / "images").iterdir()}
+    pages = (page for page in DOCS.rglob("*.md") if "_build" not in page.parts)
+    shown = {name for page in pages for name in re.findall(r"images/([\w-]+\.png)", page.read_text())}
+    assert shown == set(pictures.PICTURES)
+    drawn = tmp_path / "climb.png"
+    assert pictures.stale("climb.png", tmp_path)
+    drawn.write_bytes(b"")
+    assert not pictures.stale("climb.png", tmp_path)
+    os.utime(drawn, (0, 0))
+    assert pictures.stale("climb.png", tmp_path)

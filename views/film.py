@@ -261,7 +261,7 @@ def _mujoco() -> Any:
     try:
         return import_module("mujoco")
     except ImportError:
-        raise InvalidInput("video: expected MuJoCo; install it with pip install 'stancekit[mujoco]'") from None
+        raise InvalidInput("video: expected MuJoCo; install it with pip install 'stancekit[film]'") from None
 
 
 @DEFAULT_STYLE

@@ -102,4 +102,4 @@ def _ffmpeg() -> str:
     try:
         return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except (ImportError, RuntimeError):
-        raise InvalidInput("video: expected ffmpeg; install it with pip install 'stancekit[viz]'") from None
+        raise InvalidInput("video: expected ffmpeg; install it with pip install 'stancekit[film]'") from None

@@ -47,7 +47,7 @@ SECTIONS = (
             ("planners.robot.actuators:Actuators",)),
     Section("Distributions of postures", "YAML for `sample`, `label` and the environments.",
             ("envs.distributions.postures:_Yaml",)),
-    Section("Experiments", "YAML for `stancekit bench envelopes`, `stancekit demo` and `stancekit fit --config`.",
+    Section("Experiments", "YAML for `stancekit bench envelopes` and `stancekit fit --config`.",
             ("learners.evaluation.experiment:Experiment", "learners.selectors.genetic:GeneticSettings",
              "learners.selectors.neural_training:NeuralSettings", "learners.selectors.chooser:ChooserSettings")),
     Section("Training", "YAML for `stancekit train`.", ("learners.training.train_config:TrainConfig",)),

@@ -9,7 +9,7 @@ from contextlib import redirect_stdout
 
 from stancekit.cli.main import VERBS, main
 
-BENCHES = ("envelopes", "planner", "scenes", "gait")
+SUBCOMMANDS = {"bench": ("envelopes", "planner", "scenes", "gait"), "emulate": ("bus", "rosbridge")}
 WIDTH = 100
 
 
@@ -37,7 +37,6 @@ def page() -> str:
     lines += ["```text", said("--help"), "```", ""]
     for verb in VERBS:
         lines += [f"## stancekit {verb}", "", "```text", said(verb, "--help"), "```", ""]
-        if verb == "bench":
-            for what in BENCHES:
-                lines += [f"### stancekit bench {what}", "", "```text", said(verb, what, "--help"), "```", ""]
+        for what in SUBCOMMANDS.get(verb, ()):
+            lines += [f"### stancekit {verb} {what}", "", "```text", said(verb, what, "--help"), "```", ""]
     return "\n".join(lines)

@@ -8,10 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
 from stancekit.planners.equilibrium.features import observe
@@ -25,6 +24,9 @@ from .labelled_posture import LabelledPosture, problem_of, row_of
 from .ledger import Header, Ledger, shard_name
 from .pools import folder_of
 from .summary import Summary
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Index = NDArray[np.intp]
 Observation = dict[str, NDArray[np.float32]]

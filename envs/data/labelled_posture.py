@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 
 from stancekit.planners.answer.outcome import Certificate, Posture, Status
 from stancekit.planners.files.arrays import Array, read_only
@@ -17,6 +16,9 @@ from stancekit.planners.problem import PostureProblem
 from stancekit.planners.robot import Robot
 
 from .ledger import shard_schema
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 POSTURE: dict[str, tuple[int, ...]] = {"com_m": (3,), "rotation_rad": (3,), "toes_m": (-1, 3), "forces_n": (-1, 3)}
 """Columns of the witness, and the shapes of what they hold."""
@@ -84,6 +86,8 @@ def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
 
 def table_of(rows: Sequence[LabelledPosture], contacts: int) -> pa.Table:
     """The rows as a shard's table."""
+    import pyarrow as pa
+
     schema = shard_schema(contacts)
     return pa.Table.from_arrays([_arrow([_cell(row, f.name) for row in rows], f.type) for f in schema], schema=schema)
 
@@ -102,6 +106,8 @@ def _cell(row: LabelledPosture, name: str) -> Any:
 
 
 def _arrow(values: list[Any], kind: pa.DataType) -> pa.Array:
+    import pyarrow as pa
+
     if isinstance(kind, pa.FixedShapeTensorType):
         return pa.ExtensionArray.from_storage(kind, pa.array(values, kind.storage_type))
     return pa.array(values, kind)

@@ -14,10 +14,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 from pydantic import BaseModel, Field, ValidationError
 
 from stancekit.planners.errors import InvalidInput
@@ -29,6 +27,9 @@ from stancekit.planners.files.writing import write_bytes
 from .label_plan import STRICT
 from .label_plan import Counts as Counts
 from .label_plan import LabelPlan as LabelPlan
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 SHARD_FORMAT = "stancekit/shard/1"
 HEADER = "header.json"
@@ -96,8 +97,20 @@ def software() -> dict[str, str]:
     return {name: version(name) for name in SOFTWARE}
 
 
+def check_arrow() -> None:
+    """Raise InvalidInput where pyarrow, which reads and writes the rows, is not installed."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError:
+        raise InvalidInput(
+            "data set: expected pyarrow, it is not installed: pip install 'stancekit[datasets]'"
+        ) from None
+
+
 def shard_schema(contacts: int) -> pa.Schema:
     """Columns of a shard of problems with N contacts; ``problem`` is JSON. What a row does not have is null."""
+    import pyarrow as pa
+
     body, feet, point = (pa.fixed_shape_tensor(pa.float64(), s) for s in ([3], [contacts, 3], [contacts, 6]))
     int32, int64, float64, text = pa.int32(), pa.int64(), pa.float64(), pa.string()
     of_all = {"shard": int32, "row": int32, "sample": int64, "problem": text, "label": text, "trivial": pa.bool_()}
@@ -120,6 +133,7 @@ class Ledger:
     def open(cls, folder: Path) -> Ledger:
         """Read header and metadata of all shards that are there. Raises InvalidInput."""
         header = read_header(folder)
+        check_arrow()
         tallies = [read_tally(path, header) for path in sorted(folder.glob("shard-*.parquet"))]
         return cls(folder=folder, header=header, tallies={tally.shard: tally for tally in tallies})
 
@@ -135,6 +149,8 @@ class Ledger:
 
     def read(self, shard: int, columns: list[str] | None = None) -> pa.Table:
         """All rows of a shard, of these columns only if given. Raises InvalidInput for a damaged file."""
+        import pyarrow.parquet as pq
+
         path = self.folder / shard_name(shard)
         try:
             return pq.read_table(path, columns=columns, page_checksum_verification=True, use_threads=False)
@@ -158,6 +174,9 @@ class Shard:
 
 def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: Timing) -> None:
     """Commit a shard: once its file is there, it counts."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     write_bytes(folder / timing_name(tally.shard), timing.model_dump_json().encode())
     sink = pa.BufferOutputStream()
     table = table.replace_schema_metadata({"stancekit": tally.model_dump_json()})
@@ -178,6 +197,8 @@ def read_header(folder: Path) -> Header:
 
 def read_tally(path: Path, header: Header) -> Tally:
     """Metadata of a shard, checked against the header. Raises InvalidInput."""
+    import pyarrow.parquet as pq
+
     try:
         file = pq.ParquetFile(path)
     except Exception as error:  # what Arrow's readers meet

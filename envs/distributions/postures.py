@@ -253,7 +253,7 @@ def _from_yaml(path: str, robot: str | None, terrain: str | Path | None) -> Post
         if not 0.0 <= low <= high < float("inf"):
             raise InvalidInput(f"friction: expected 0 ≤ low ≤ high, got {low:g} and {high:g}")
         if robot is None and raw.robot is not None:
-            robot = raw.robot if raw.robot in BUILT_IN else str(folder / raw.robot)
+            robot = str(folder / raw.robot) if Path(raw.robot).suffix else raw.robot
         law: Law = raw.terrain if raw.terrain in ("ground", "wall") else "terrain"  # type: ignore[assignment]
         if law == "terrain" and not Path(raw.terrain).suffix:
             raise InvalidInput(f"terrain: expected ground, wall, or a terrain's file, got {raw.terrain!r}")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import os
-import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Literal, Protocol, TypeVar
 
-import joblib
+from joblib.externals.loky import get_reusable_executor
 
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import checked_int
@@ -26,17 +28,28 @@ IDLE_S = 60
 DEATHS = 5
 """How many times in a row, without any answer between, workers may die before a run gives up; or a task's worker."""
 POLL_S = 1.0
-"""How often a cluster is asked whether it is still there."""
-PATIENCE_S = 15.0
-"""How long a cluster may be out of reach, or without a processor, before it counts as gone."""
+"""How often a worker looks whether the process that started it is still there."""
+ONE_THREAD = {
+    f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA", "NUMEXPR")
+}
+"""Environment of worker processes: there is one per processor."""
 
 log = logging.getLogger(__name__)
 
 
 class Executor(Protocol):
-    """Runs independent, picklable tasks and gives each one's answer once, as they come. Tasks may run twice."""
+    """Runs independent, picklable tasks and gives each one's answer once, as they come. Tasks may run twice.
 
-    def __call__(self, tasks: Sequence[Task[Answer]]) -> Iterator[Answer]:
+    Tasks are taken one after the other, when there is room for them: which come next may depend on the answers so far.
+    None among them stands for no task until another answer has been taken; it may only come while a task runs.
+    """
+
+    @property
+    def workers(self) -> int:
+        """Tasks that run at a time, as far as is known now."""
+        ...
+
+    def __call__(self, tasks: Iterable[Task[Answer] | None]) -> Iterator[Answer]:
         """Run them; the first exception of a task is raised again here."""
         ...
 
@@ -56,6 +69,8 @@ def executor(kind: Kind = "processes", *, workers: int = 1, address: str | None 
             raise InvalidInput(f"address: expected none for processes, got {address!r}; use it with the executor ray")
         return processes(workers)
     if kind == "ray":
+        from .ray_cluster import ray_cluster
+
         return ray_cluster(address or "auto")
     raise InvalidInput(f"executor: expected processes or ray, got {kind!r}")
 
@@ -72,36 +87,31 @@ def gather(
     return [answers[number] for number in range(len(tasks))]
 
 
+@dataclass(frozen=True)
+class _Processes:
+    workers: int
+
+    def __call__(self, tasks: Iterable[Task[Answer] | None]) -> Iterator[Answer]:
+        few = isinstance(tasks, Sized) and len(tasks) < 2
+        if self.workers == 1 or few:
+            return (task() for task in due(iter(tasks), None))
+        return _pooled(self.workers, iter(tasks))
+
+
 def processes(workers: int) -> Executor:
     """Run tasks on this many processes (loky); on one, in this process. A dead worker's tasks run again.
 
     Raises InvalidInput.
     """
-    checked_int(workers, "workers", least=1)
-
-    def run(tasks: Sequence[Task[Answer]]) -> Iterator[Answer]:
-        if workers == 1 or len(tasks) < 2:
-            return (task() for task in tasks)
-        return _pooled(workers, tasks)
-
-    return run
+    return _Processes(checked_int(workers, "workers", least=1))
 
 
-def ray_cluster(address: str = "auto") -> Executor:
-    """Run tasks on a Ray cluster, one processor each; Ray runs the tasks of a lost worker or node again.
-
-    address: host:port of the cluster's head; ``auto``, the cluster that this machine belongs to; ``local``, one of its
-    own. The connection is made by the first run and kept. Every node needs this version of Stancekit installed; no
-    files are shared. Raises ClusterGone where it is not there, here or while tasks run, and InvalidInput without Ray.
-    """
-
-    def run(tasks: Sequence[Task[Answer]]) -> Iterator[Answer]:
-        ray = _ray()
-        if tasks:
-            _connect(ray, address)
-            yield from _on_cluster(ray, tasks, address)
-
-    return run
+def due(tasks: Iterator[Task[Answer] | None], room: int | None) -> Iterator[Task[Answer]]:
+    """Tasks that can run now, at most as many as there is room for; None is no limit."""
+    for task in itertools.islice(tasks, room):
+        if task is None:
+            return
+        yield task
 
 
 def _numbered(number: int, task: Task[Answer]) -> tuple[int, Answer]:
@@ -125,110 +135,31 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _pooled(workers: int, tasks: Sequence[Task[Answer]]) -> Iterator[Answer]:
-    left, deaths = dict(enumerate(tasks)), 0
-    while left:
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1, idle_worker_timeout=IDLE_S):
-            pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-        jobs = [joblib.delayed(_in_worker)(os.getpid(), number, task) for number, task in left.items()]
+def _pooled(workers: int, tasks: Iterator[Task[Answer] | None]) -> Iterator[Answer]:
+    """Keep twice as many tasks in flight as there are workers. left: those that were taken and not answered."""
+    left, numbers, deaths = dict[int, Task[Answer]](), itertools.count(), 0
+    while True:
+        pool = get_reusable_executor(max_workers=workers, timeout=IDLE_S, env=ONE_THREAD)
+        fresh, flying = dict(left), set[Future[tuple[int, Answer]]]()
         try:
-            for number, answer in pool(jobs):
-                del left[number]
-                deaths = 0
-                yield answer
+            while True:
+                fresh |= {next(numbers): task for task in due(tasks, 2 * workers - len(flying) - len(fresh))}
+                left |= fresh
+                flying |= {pool.submit(_in_worker, os.getpid(), number, task) for number, task in fresh.items()}
+                fresh = {}
+                if not flying:
+                    return
+                done, flying = wait(flying, return_when=FIRST_COMPLETED)
+                for future in done:
+                    number, answer = future.result()
+                    del left[number]
+                    deaths = 0
+                    yield answer
         except BrokenProcessPool:
             deaths += 1
             if deaths >= DEATHS:
                 raise WorkersDied(f"a worker process died {deaths} times in a row: is there enough memory?") from None
             log.warning("a worker process died; %d tasks are left and run again", len(left))
-
-
-def _ray() -> Any:
-    """Ray, which else prints what it has to say of its nodes on standard output, where the results belong."""
-    os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", ".*")
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    try:
-        import ray
-    except ImportError:
-        raise InvalidInput("executor: 'ray' needs Ray, got none: pip install 'stancekit[ray]'") from None
-    return ray
-
-
-def _connect(ray: Any, address: str) -> None:
-    """Join the cluster, unless this process did before."""
-    if ray.is_initialized():
-        return
-    if ":" in address and "//" not in address and not _answers(address):
-        raise ClusterGone(f"address: expected a Ray cluster at {address}, nothing answers there")
-    options: dict[str, Any] = {"address": address, "logging_level": logging.ERROR, "log_to_driver": False}
-    if address == "local":
-        options |= {"include_dashboard": False, "_node_ip_address": "127.0.0.2"}  # Ray replaces 127.0.0.1
-    try:
-        ray.init(**options)
-    except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
-        line = (str(error) or type(error).__name__).splitlines()[0]
-        raise ClusterGone(f"address: expected a Ray cluster at {address!r}: {line}") from None
-
-
-def _on_cluster(ray: Any, tasks: Sequence[Task[Answer]], address: str) -> Iterator[Answer]:
-    """Keep twice as many tasks in flight as there are processors; look after the cluster while waiting."""
-    remote = ray.remote(num_cpus=1, max_retries=DEATHS)(_call)
-    waiting = list(reversed(tasks))
-    flying: list[Any] = []
-    watch = _Watch(ray, address)
-    try:
-        while waiting or flying:
-            room = 2 * watch.processors() + 2 - len(flying)
-            flying += [remote.remote(waiting.pop()) for _ in range(min(room, len(waiting)))]
-            done, flying = ray.wait(flying, num_returns=1, timeout=POLL_S)
-            for reference in done:
-                yield ray.get(reference)
-    except ray.exceptions.RayTaskError as error:
-        raise error.cause from None
-    except ray.exceptions.RayError as error:
-        line = str(error).strip().splitlines()[0]
-        raise ClusterGone(f"the Ray cluster at {address!r} lost a task for good: {line}") from None
-
-
-def _call(task: Task[Answer]) -> Answer:
-    return task()
-
-
-class _Watch:
-    """Looks after the head and the processors of a cluster. Ray itself ends the whole process a minute after its head
-    is gone, without an exception; this notices before.
-    """
-
-    def __init__(self, ray: Any, address: str) -> None:
-        self._ray, self._address = ray, address
-        self._head = ray.get_runtime_context().gcs_address
-        self._seen_s = self._looked_s = time.monotonic()
-        self._processors = int(ray.cluster_resources().get("CPU", 0))
-
-    def processors(self) -> int:
-        """Processors of the cluster. Raises ClusterGone after PATIENCE_S without a head or any processor."""
-        now = time.monotonic()
-        if now - self._looked_s < POLL_S:
-            return self._processors
-        there = _answers(self._head)
-        if there:
-            self._processors = int(self._ray.cluster_resources().get("CPU", 0))
-        if there and self._processors:
-            self._seen_s = now
-        self._looked_s = now
-        if now - self._seen_s > PATIENCE_S:
-            what = "has no processor left" if there else "does not answer any more"
-            raise ClusterGone(f"the Ray cluster at {self._address!r} {what}; what it had answered is kept")
-        return self._processors
-
-
-def _answers(address: str) -> bool:
-    """Whether something listens at host:port. Raises ClusterGone for another form of address."""
-    host, _, port = address.rpartition(":")
-    if not port.isdecimal():
-        raise ClusterGone(f"address: expected host:port, auto or local, got {address!r}")
-    try:
-        with socket.create_connection((host.strip("[]"), int(port)), timeout=3.0):
-            return True
-    except (OSError, OverflowError):
-        return False
+        except BaseException:  # an error of a task, Ctrl-C, or nobody wants more answers
+            pool.shutdown(wait=False, kill_workers=True)
+            raise

@@ -1,8 +1,9 @@
 """Algorithm E1, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data set.
 
-Work comes in shards. A shard is drawn from a random stream of its own and the planner's answers do not depend on what
-it answered before, so its rows depend on nothing but the plan. Any executor may draw it; this process writes it when it
-comes, once, so a run that was killed goes on where it was, and no folder need be shared.
+Rows come in shards. A shard is drawn from a random stream of its own, and the planner's answers do not depend on what
+it answered before, so its rows depend on nothing but the plan. Any executor may decide its samples, in blocks; this
+process puts them together in order and writes a shard once, when it is whole. A run that was killed goes on from the
+shards that are there, and no folder need be shared.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import json
 import logging
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -31,14 +32,11 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.verify import check_certificate, check_posture
 
-from .executor import processes
-from .shards import label_shard, planned, samples
+from .executor import Executor, processes
+from .shards import BLOCK, LEAST, Block, ShardDraft, planned, samples
 
 if TYPE_CHECKING:  # torch
     from ..proposers.proposer import Proposers
-
-Task = Callable[[], Shard]
-"""Draws one shard. It writes nothing, so it may run anywhere, and more than once."""
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
 """How postures and points are chosen now (``search.canonical``); another choice gets another name."""
@@ -96,7 +94,7 @@ def label(
     workers: int = 1,
     progress: Callable[[Progress], None] | None = None,
     source: Distribution | None = None,
-    run: Callable[[Sequence[Task]], Iterable[Shard]] | None = None,
+    run: Executor | None = None,
     draws_per_row: int = 10_000,
     proposers: Proposers | None = None,
 ) -> Summary:
@@ -110,6 +108,7 @@ def label(
     if source is not None and source.name != plan.distribution:
         raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
     folder, source = Path(path), source or planned(plan)
+    ledger.check_arrow()
     if plan.proposers != (None if proposers is None else proposers.digest):
         raise InvalidInput("proposers: expected those whose digest is planned")
     if proposers is not None:
@@ -126,12 +125,51 @@ def label(
             progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
 
     report()
-    tasks = [partial(label_shard, header, source, shard, draws_per_row, proposers) for shard in there.missing]
-    for shard in (run or processes(workers))(tasks):
-        ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
-        done[shard.tally.shard] = shard.tally
-        report()
+    executor = run or processes(workers)
+    drafts = _Drafts(header, there.missing, executor, source, draws_per_row, proposers)
+    for block in executor(drafts.tasks()):
+        shard = drafts.take(block)
+        if shard is not None:
+            ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
+            done[shard.tally.shard] = shard.tally
+            report()
     return Dataset.open(folder).summary()
+
+
+class _Drafts:
+    """The shards that are being drawn: which samples are decided next, and which shard has become whole by it."""
+
+    def __init__(
+        self, header: Header, missing: Sequence[int], executor: Executor, source: Distribution, draws_per_row: int,
+        proposers: Proposers | None,
+    ) -> None:  # fmt: skip
+        self._source, self._proposers, self._executor = source, proposers, executor
+        came = Counter[str]()
+        self._unopened = iter([ShardDraft(header, shard, draws_per_row, came) for shard in missing])
+        self._left, self._open = len(missing), list[ShardDraft]()
+
+    def tasks(self) -> Iterator[Callable[[], Block] | None]:
+        """Blocks to decide, of the first shards first; None where there are none until another block is decided."""
+        while self._left or self._open:
+            if self._left and not any(draft.lacking for draft in self._open):
+                self._open.append(next(self._unopened))
+                self._left -= 1
+            lacking = [draft.lacking for draft in self._open]
+            k = next((k for k, count in enumerate(lacking) if count), None)
+            if k is None:
+                yield None
+                continue
+            expected = sum(lacking) + self._left * lacking[-1]
+            share = max(math.ceil(expected / max(self._executor.workers, 1)), LEAST)
+            yield self._open[k].block(self._source, min(lacking[k], share, BLOCK), self._proposers)
+
+    def take(self, block: Block) -> Shard | None:
+        """The shard that this block completes. Raises LabellingFailed."""
+        draft = next((draft for draft in self._open if draft.shard == block.shard), None)
+        shard = None if draft is None else draft.take(block)
+        if draft is not None and shard is not None:
+            self._open.remove(draft)
+        return shard
 
 
 def recheck(dataset: Dataset) -> RecheckReport:

@@ -1,6 +1,7 @@
-"""One shard of a data set, drawn in blocks: sample, decide, and keep what is wanted (Algorithm E1, lines 4–11).
+"""One shard of a data set: its stream of samples is decided in blocks, anywhere, and kept in order (Algorithm E1).
 
-A block is decided together because that is cheaper, and for no other reason: where it begins and ends changes nothing.
+A block is decided together because that is cheaper, and apart from others because several workers can then draw one
+shard. Neither changes a row: where a block begins and ends, and who decides it, leaves no trace.
 """
 
 from __future__ import annotations
@@ -10,9 +11,13 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from stancekit.envs.data import ledger
 from stancekit.envs.data.labelled_posture import LabelledPosture, table_of
@@ -32,6 +37,9 @@ from stancekit.planners.search.proposals import Proposer
 
 BLOCK = 512
 """Samples that are decided together, at most."""
+LEAST = 32
+"""Samples that are decided together, at least, where several workers share a shard: a block costs as much as 50 to 100
+samples before its first one is decided."""
 KEPT_BYTES = 1 << 24
 """Once a block of memory of this size was freed, glibc keeps as much for later, instead of giving it back at once."""
 BARREN = 10_000
@@ -60,106 +68,84 @@ def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(shard,)))
 
 
-def label_shard(
-    header: Header, source: Distribution, shard: int, draws_per_row: int, proposers: Proposer | None = None
-) -> Shard:
-    """Draw one shard until its quotas are full, block by block; no row depends on where a block begins."""
-    begin, plan = time.process_time(), header.plan
+KINDS = ("feasible", "infeasible", "trivial", "undecided")
+"""Labels of samples, those of ``Counts``."""
+Place = tuple[int, Mapping[str, Any]]
+"""A number of samples, and the state of a shard's random stream after so many."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Block:
+    """Neighbouring samples of a shard, decided. kinds: each one's label, "trivial" set apart. rows: those that may be
+    kept, as a shard's table, with ``row`` 0. after: the place in the stream behind the block. solve_ms: by sample.
+    """
+
+    shard: int
+    first: int
+    kinds: list[str]
+    rows: pa.Table
+    after: Place
+    solve_ms: list[float]
+    cpu_s: float
+
+
+def decide_block(
+    plan: LabelPlan, source: Distribution, shard: int, start: Place | None, first: int, count: int,
+    kinds: frozenset[str], proposers: Proposer | None = None,
+) -> Block:  # fmt: skip
+    """Decide ``count`` samples of a shard from number ``first`` on, and make rows of these kinds.
+
+    start: a known place in the stream at or before the first sample; None for its beginning.
+    """
+    begin, rng = time.process_time(), _stream(plan, shard)
     np.empty(KEPT_BYTES, dtype=np.uint8)  # or the arrays of a block would come anew from the system, step by step
-    labeller = _Labeller(plan, shard, proposers)
-    limit, rng = draws_per_row * labeller.wanted, _stream(plan, shard)
-    while labeller.missing:
-        most = min(limit, BARREN) if labeller.barren else limit
-        if len(labeller.drawn) >= most:
-            came = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(labeller.drawn).items()))
-            lacks = f"lacks {labeller.missing} rows after {most} draws: {came}"
-            raise LabellingFailed(f"{plan.distribution}: shard {shard} {lacks}")
-        labeller.take(source.batch(rng, min(labeller.expected, BLOCK, most - len(labeller.drawn))))
-    undecided = [sample for sample, kind in enumerate(labeller.drawn) if kind == "undecided"]
-    if undecided:
-        drawn = len(labeller.drawn)
-        log.warning("shard %d: %d of %d samples stayed undecided: %s", shard, len(undecided), drawn, undecided)
-    tally = Tally(
-        dataset=header.digest,
-        shard=shard,
-        rows=Counts(**Counter(row.kind for row in labeller.kept)),
-        drawn=Counts(**Counter(labeller.drawn)),
-        undecided_samples=undecided,
-        software=ledger.software(),
-    )
-    table = table_of(labeller.kept, len(header.legs))
-    timing = ledger.Timing(shard=shard, cpu_s=time.process_time() - begin, solve_ms=labeller.solve_ms)
-    return Shard(table=table, tally=tally, timing=timing)
+    at, state = start or (0, rng.bit_generator.state)
+    rng.bit_generator.state = state
+    while at < first:
+        skipped = min(first - at, BLOCK)
+        source.batch(rng, skipped)
+        at += skipped
+    batch = source.batch(rng, count)
+    after = (first + count, rng.bit_generator.state)
+    labeller = _Labeller(plan, shard, first, kinds, proposers)
+    rows, decided, solve_ms = labeller.rows(batch)
+    return Block(
+        shard=shard, first=first, kinds=decided, rows=table_of(rows, len(batch.like.contacts)), after=after,
+        solve_ms=solve_ms, cpu_s=time.process_time() - begin,
+    )  # fmt: skip
 
 
 class _Labeller:
-    """Lines 4 to 11 of Algorithm E1, a block at a time. No clock takes part: slow machines label as fast ones do.
+    """Lines 4 to 11 of Algorithm E1 for one block. No clock takes part: slow machines label as fast ones do."""
 
-    kept: rows so far; drawn: the kind of every sample so far; solve_ms: what each took, of a block its share.
-    """
-
-    def __init__(self, plan: LabelPlan, shard: int, proposers: Proposer | None) -> None:
-        self._plan, self._shard = plan, shard
-        self._room = Counter(dict(zip(("feasible", "infeasible"), plan.quota(shard), strict=True)))
-        self.wanted = self._room.total()
-        self.kept: list[LabelledPosture] = []
-        self.drawn: list[str] = []
-        self.solve_ms: list[float] = []
+    def __init__(
+        self, plan: LabelPlan, shard: int, first: int, kinds: frozenset[str], proposers: Proposer | None
+    ) -> None:
+        self._plan, self._shard, self._first, self._kinds = plan, shard, first, kinds
         acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
         self._exact = ExactPlanner(
             acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=_programs(),
             proposers=proposers,
         )  # fmt: skip
 
-    @property
-    def missing(self) -> str:
-        """How many rows of which kind are missing, in words; empty where none is."""
-        if self._plan.natural:
-            return f"{self.wanted - len(self.kept)}" if len(self.kept) < self.wanted else ""
-        return " and ".join(f"{count} {kind}" for kind, count in self._room.items() if count > 0)
+    def rows(self, batch: PostureBatch) -> tuple[list[LabelledPosture], list[str], list[float]]:
+        """The rows of the kinds that are asked for; of every sample its label and how long it took [ms]."""
+        decided = decide_all(self._exact, batch, points="infeasible" in self._kinds)
+        kinds, points = [_kind(outcome) for outcome in decided.outcomes], self._points(batch, decided)
+        rows = [
+            self._row(self._first + k, batch.problems[k], outcome, points.get(k))
+            for k, outcome in enumerate(decided.outcomes)
+            if kinds[k] in self._kinds
+        ]
+        return rows, kinds, [round(1e3 * outcome.seconds, 3) for outcome in decided.outcomes]
 
-    @property
-    def barren(self) -> bool:
-        """Whether rows of some kind are wanted and none has come yet."""
-        came = {row.kind for row in self.kept}
-        return not self._plan.natural and any(count > 0 and kind not in came for kind, count in self._room.items())
-
-    @property
-    def expected(self) -> int:
-        """How many samples will do, by what came so far; as many as are missing where everything is kept."""
-        if self._plan.natural:
-            return self.wanted - len(self.kept)
-        came = Counter(self.drawn)
-        return max(-(-count * (len(self.drawn) + 2) // (came[kind] + 1)) for kind, count in self._room.items())
-
-    def take(self, batch: PostureBatch) -> None:
-        """Decide a block and keep of it what is wanted, in its order; what comes after the last row was not drawn."""
-        decided = decide_all(self._exact, batch, points=self._wants("infeasible"))
-        outcomes, points = decided.outcomes, self._points(batch, decided)
-        for k, outcome in enumerate(outcomes):
-            if not self.missing:
-                break
-            kind = _kind(outcome)
-            if self._wants(kind):
-                row = self._row(batch.problems[k], outcome, points.get(k))
-                kind = row.kind
-                if self._wants(kind):
-                    self.kept.append(row)
-                    self._room[kind] -= 1
-            self.drawn.append(kind)
-            self.solve_ms.append(round(1e3 * outcome.seconds, 3))
-
-    def _wants(self, kind: str) -> bool:
-        """Whether there is room for another row of this kind."""
-        return self._plan.natural or self._room[kind] > 0
-
-    def _row(self, problem: PostureProblem, outcome: Outcome, point: Array | None) -> LabelledPosture:
+    def _row(self, sample: int, problem: PostureProblem, outcome: Outcome, point: Array | None) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
         status, certificate, bound = outcome.status, outcome.certificate, outcome.lower_bound
         if _kind(outcome) == "infeasible" and point is None:
             status, certificate, bound = Status.UNDECIDED, None, 0.0
         return LabelledPosture(
-            shard=self._shard, row=len(self.kept), sample=len(self.drawn), problem=problem, status=status,
+            shard=self._shard, row=0, sample=sample, problem=problem, status=status,
             trivial=_kind(outcome) == "trivial", posture=outcome.posture, point=point, certificate=certificate,
             lower_bound=bound, solves=outcome.solves, nodes=int(outcome.details["nodes"]),
         )  # fmt: skip
@@ -167,9 +153,9 @@ class _Labeller:
     def _points(self, batch: PostureBatch, decided: Decided) -> dict[int, Array]:
         """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates nothing else."""
         postures, outcomes = dict[int, Posture](), decided.outcomes
-        if self._wants("feasible"):
+        if "feasible" in self._kinds:
             postures |= {k: outcome.posture for k, outcome in enumerate(outcomes) if outcome.posture is not None}
-        if self._wants("infeasible"):
+        if "infeasible" in self._kinds:
             of = [k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"]
             postures |= {k: decided.relaxed[k] for k in of if k in decided.relaxed}
             rows = np.array([k for k in of if k not in decided.relaxed], dtype=np.intp)
@@ -177,6 +163,111 @@ class _Labeller:
             postures |= {int(rows[k]): posture for k, posture in found.items()}
         pairs = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp))).pairs(list(postures.values()))
         return dict(zip(postures, pairs, strict=True))
+
+
+class ShardDraft:
+    """A shard that is put together from its blocks: whichever comes when, they are taken in the stream's order.
+
+    came: labels of all samples of this run so far, which others add to, too; by it the draft knows how many it needs.
+    """
+
+    def __init__(self, header: Header, shard: int, draws_per_row: int, came: Counter[str]) -> None:
+        self._header, self._plan, self._came = header, header.plan, came
+        self.shard = shard
+        self._room = Counter(dict(zip(("feasible", "infeasible"), header.plan.quota(shard), strict=True)))
+        self._wanted = self._room.total()
+        self._limit = draws_per_row * self._wanted
+        self._asked, self._places = 0, list[Place]()
+        self._waiting = dict[int, Block]()
+        self._drawn, self._kept = list[str](), Counter[str]()
+        self._rows, self._solve_ms, self._cpu_s = list[pa.Table](), list[float](), 0.0
+
+    @property
+    def missing(self) -> str:
+        """How many rows of which kind are missing, in words; empty where none is."""
+        if self._plan.natural:
+            return f"{self._wanted - self._kept.total()}" if self._kept.total() < self._wanted else ""
+        return " and ".join(f"{count} {kind}" for kind, count in self._room.items() if count > 0)
+
+    @property
+    def lacking(self) -> int:
+        """How many samples more will do, by what came so far, beyond those that are being decided."""
+        if self._plan.natural:
+            expected = self._wanted - len(self._drawn)
+        else:
+            drawn = self._came.total() + 2
+            expected = max(-(-count * drawn // (self._came[kind] + 1)) for kind, count in self._room.items())
+        return max(min(expected - (self._asked - len(self._drawn)), self._most - self._asked), 0)
+
+    def block(self, source: Distribution, count: int, proposers: Proposer | None) -> Callable[[], Block]:
+        """The task that decides the next ``count`` samples."""
+        first, self._asked = self._asked, self._asked + count
+        start = max((place for place in self._places if place[0] <= first), key=lambda place: place[0], default=None)
+        kinds = frozenset(kind for kind in KINDS if self._wants(kind))
+        return partial(decide_block, self._plan, source, self.shard, start, first, count, kinds, proposers)
+
+    def take(self, block: Block) -> Shard | None:
+        """Keep what is wanted of a block, once all before it are there; the shard, where it has become whole.
+
+        Raises LabellingFailed where too many samples were drawn.
+        """
+        if not self.missing:
+            return None
+        self._came.update(block.kinds)
+        self._places.append(block.after)
+        self._waiting[block.first] = block
+        while self.missing and (block := self._waiting.pop(len(self._drawn), None)) is not None:
+            self._keep(block)
+        return None if self.missing else self._whole()
+
+    def _keep(self, block: Block) -> None:
+        """What is wanted of the next block, in its order; what comes after the last row was not drawn."""
+        begin, chosen = len(self._drawn), list[int]()
+        rows = zip(*(block.rows.column(name).to_pylist() for name in ("sample", "trivial", "label")), strict=True)
+        made = {sample: (k, "trivial" if trivial else label) for k, (sample, trivial, label) in enumerate(rows)}
+        for sample, label in enumerate(block.kinds, block.first):
+            if not self.missing:
+                break
+            kind = label
+            if self._wants(kind):
+                k, kind = made[sample]
+                if self._wants(kind):
+                    chosen.append(k)
+                    self._kept[kind] += 1
+                    self._room[kind] -= 1
+            self._drawn.append(kind)
+        self._rows.append(block.rows.take(pa.array(chosen, pa.int64())))
+        self._solve_ms += block.solve_ms[: len(self._drawn) - begin]
+        self._cpu_s += block.cpu_s
+        if self.missing and len(self._drawn) >= self._most:
+            came = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(self._drawn).items()))
+            lacks = f"lacks {self.missing} rows after {self._most} draws: {came}"
+            raise LabellingFailed(f"{self._plan.distribution}: shard {self.shard} {lacks}")
+
+    def _wants(self, kind: str) -> bool:
+        """Whether there is room for another row of this kind."""
+        return self._plan.natural or self._room[kind] > 0
+
+    @property
+    def _most(self) -> int:
+        """Samples that may be drawn: fewer while a kind that is wanted has not come at all."""
+        lacks = (count > 0 and not self._kept[kind] for kind, count in self._room.items())
+        return min(self._limit, BARREN) if not self._plan.natural and any(lacks) else self._limit
+
+    def _whole(self) -> Shard:
+        undecided = [sample for sample, kind in enumerate(self._drawn) if kind == "undecided"]
+        if undecided:
+            log.warning("shard %d: %d of %d samples stayed undecided: %s",
+                        self.shard, len(undecided), len(self._drawn), undecided)  # fmt: skip
+        tally = Tally(
+            dataset=self._header.digest, shard=self.shard, rows=Counts(**self._kept),
+            drawn=Counts(**Counter(self._drawn)), undecided_samples=undecided, software=ledger.software(),
+        )  # fmt: skip
+        rows = pa.concat_tables(self._rows).combine_chunks()
+        numbers = pa.array(np.arange(len(rows)), pa.int32())
+        rows = rows.set_column(rows.schema.get_field_index("row"), rows.schema.field("row"), numbers)
+        timing = ledger.Timing(shard=self.shard, cpu_s=self._cpu_s, solve_ms=self._solve_ms)
+        return Shard(table=rows, tally=tally, timing=timing)
 
 
 def _kind(outcome: Outcome) -> str:

@@ -87,8 +87,8 @@ def run(
     """Yield the result of every class as it comes; everything is kept in ``folder``.
 
     Data sets are gone on with, selectors and rows used again, wherever they follow from the same settings, data and
-    software. executor: where labelling and rollouts run. Raises InvalidInput, e.g. where a data set of another plan
-    is in the folder.
+    software. executor: where labelling, generations and rollouts run. Raises InvalidInput, e.g. where a data set of
+    another plan is in the folder.
     """
     for name in experiment.problems:
         (folder / name).mkdir(parents=True, exist_ok=True)
@@ -157,7 +157,9 @@ class _Class:
         begin, checkpoint = perf_counter(), self._folder / f"{_stem(method)}.checkpoint-{key[:12]}"
         bar = self._told(f"fit {method}")
         settings = self._experiment.fit
-        learned = learn_selector(method, train, settings, bar, calibration=calibration, checkpoint=checkpoint)
+        learned = learn_selector(
+            method, train, settings, bar, calibration=calibration, checkpoint=checkpoint, run=self._run
+        )
         if _source(method) and not isinstance(learned.selector, FixedSelector):
             blank = _Row(fit_key=key, file="", file_sha256="", fit_seconds=perf_counter() - begin)
             return blank, learned  # no format of ours: judged as it is, and learned again by the next run

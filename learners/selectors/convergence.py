@@ -1,4 +1,4 @@
-"""How an evolutionary run went: its history, its checkpoint, and the picture of it (paper E, Fig. 4)."""
+"""How an evolutionary run went: its history and its checkpoint."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.archive import read_archive
@@ -20,7 +18,6 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_bytes
-from stancekit.views.sheet import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
 
 from .feasibility import Counts
 
@@ -96,34 +93,6 @@ def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generat
     except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:
         raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}") from None
     return Run(population=found["population"], history=history)
-
-
-@DEFAULT_STYLE
-def draw_convergence(histories: Mapping[str, Sequence[Generation]], title: str = "") -> Figure:
-    """Mean fitness with a band of one standard deviation, and the best, by generation: paper E's Fig. 4."""
-    if not histories or not all(histories.values()):
-        raise InvalidInput("histories: expected one or more generations of one or more runs, got none")
-    figure = sheet((1200, 640), (1200, 640))
-    axes = figure.add_axes((0.07, 0.11, 0.9, 0.78))
-    colours = (LEG_COLOURS[0], ACCENT, *LEG_COLOURS[1:])
-    for index, (name, history) in enumerate(histories.items()):
-        colour = colours[index % len(colours)]
-        number = np.array([done.number for done in history])
-        mean = np.array([done.mean for done in history])
-        half = np.sqrt([done.variance for done in history])
-        axes.fill_between(number, mean - half, mean + half, color=colour, alpha=0.15, lw=0)
-        axes.plot(number, mean, color=colour, lw=1.8, label=f"{name}: mean ± standard deviation")
-        axes.plot(number, [done.best for done in history], color=colour, lw=1.2, ls=(0, (4, 2)), label=f"{name}: best")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.grid(axis="y", color=RULE, lw=0.8)
-    axes.set_axisbelow(True)
-    axes.set_xlabel("generation", color=INK)
-    axes.set_ylabel("fitness: 1 − a − ρ max(0, b − δ)", color=INK)
-    axes.set_title(title or "Fitness of the population", color=INK, loc="left", size=13)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.legend(frameon=False, loc="lower right")
-    return figure
 
 
 def _digest(about: Mapping[str, Any]) -> str:

@@ -12,9 +12,11 @@ A verdict nearer to the border than BAND is never taken from these, so it is the
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple, Protocol
+from functools import cache, partial
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -26,6 +28,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
 
+from ..data.executor import Executor, gather
 from .dual_bounds import BAND, Bools, Bounds, Index, least, ranges, witnessed
 
 WITNESS, CERTIFICATE = 0, 1
@@ -122,6 +125,31 @@ class CachingOracle:
         """How all verdicts so far were found."""
         return Counts(**self._tally)
 
+    def __len__(self) -> int:
+        return len(self._problems)
+
+    def part(self, which: Index) -> CachingOracle:
+        """The same oracle for these problems alone, numbered anew, with what is known of them and no counts yet."""
+        part = copy.copy(self)
+        part._problems = [self._problems[int(k)] for k in which]
+        for name in _KNOWN:
+            setattr(part, name, _taken(getattr(self, name), which))
+        part._tally = dict.fromkeys(self._tally, 0)
+        return part
+
+    def learn(self, which: Index, part: CachingOracle) -> None:
+        """Keep what a part has learned of these problems since, and count it."""
+        for name in _KNOWN:
+            _put_back(getattr(self, name), which, getattr(part, name))
+        self._clock = max(self._clock, part._clock)
+        self._tally = {name: count + part._tally[name] for name, count in self._tally.items()}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_programs"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _programs=_own_programs())
+
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
         found = np.zeros((len(which), len(boxes)), dtype=bool)
@@ -214,6 +242,55 @@ class CachingOracle:
         """Where [p, f] can be if the margin is at most BAND, shape (K, P, N, 6)."""
         low, high = (side[which][:, None] for side in self._range)
         return np.maximum(low, bounds.low - BAND), np.minimum(high, bounds.high + BAND)
+
+
+class SpreadOracle:
+    """A ``CachingOracle`` whose problems are shared out to an executor's workers: the same verdicts and counts.
+
+    What is known of a problem travels with it, so neither depends on who is asked about which problem.
+    """
+
+    def __init__(self, problems: Sequence[Scaled], run: Executor) -> None:
+        self._whole, self._run = CachingOracle(problems, Programs()), run
+
+    @property
+    def counts(self) -> Counts:
+        """How all verdicts so far were found."""
+        return self._whole.counts
+
+    def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
+        """Whether P1 admits the problems of these numbers, each of them once, shape (len(boxes), len(which))."""
+        parts = np.array_split(which, max(min(self._run.workers, len(which)), 1))
+        tasks = [partial(_asked, self._whole.part(part), boxes) for part in parts]
+        verdicts = []
+        for part, (admitted, known) in zip(parts, gather(self._run, tasks), strict=True):
+            self._whole.learn(part, known)
+            verdicts.append(admitted)
+        return np.concatenate(verdicts, axis=1)
+
+
+def _asked(oracle: CachingOracle, boxes: Sequence[Envelope]) -> tuple[Bools, CachingOracle]:
+    """What an oracle says of all of its problems, and what it knows then."""
+    return oracle.is_feasible(np.arange(len(oracle)), boxes), oracle
+
+
+_KNOWN = ("_range", "_axes", "_trivial", "_point", "_excess", "_rows", "_slope", "_constant", "_used")
+"""Arrays of a ``CachingOracle`` by problem, or pairs of such."""
+
+
+def _taken(known: Any, which: Index) -> Any:
+    return tuple(each[which] for each in known) if isinstance(known, tuple) else known[which]
+
+
+def _put_back(known: Any, which: Index, learned: Any) -> None:
+    for each, new in zip(known, learned, strict=True) if isinstance(known, tuple) else ((known, learned),):
+        each[which] = new
+
+
+@cache
+def _own_programs() -> Programs:
+    """The programs of this process: no answer depends on what was solved before."""
+    return Programs()
 
 
 def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:

@@ -26,9 +26,10 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
+from ..data.executor import Executor, processes
 from .convergence import Generation, Run, read_checkpoint, write_checkpoint
 from .dual_bounds import Index
-from .feasibility import CachingOracle, Counts, FeasibilityOracle
+from .feasibility import CachingOracle, Counts, FeasibilityOracle, SpreadOracle
 
 DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (paper E §II)."""
@@ -260,8 +261,13 @@ def fit_genetic(
     progress: Callable[[int, int], None] | None = None,
     *,
     checkpoint: Path | None = None,
+    run: Executor | None = None,
 ) -> EnvelopeSet:
-    """Learn one envelope from the data set's problems and S. ``progress`` is told generations done and in all."""
+    """Learn one envelope from the data set's problems and S.
+
+    ``progress`` is told generations done and in all. run: the executor of every generation's solves; this process where
+    None. The envelope and its provenance do not depend on it.
+    """
     feasible, infeasible = (
         [Scaled.of(problem) for problem in dataset.select(rows).problems()]
         for rows in (dataset.feasible, dataset.infeasible)
@@ -276,7 +282,10 @@ def fit_genetic(
         if progress is not None:
             progress(done.number + 1, settings.generations)
 
-    result = evolve(feasible, infeasible, dataset.points, settings, checkpoint=checkpoint, progress=on_progress)
+    oracle = SpreadOracle([*feasible, *infeasible], run or processes(1))
+    result = evolve(
+        feasible, infeasible, dataset.points, settings, oracle=oracle, checkpoint=checkpoint, progress=on_progress
+    )
     provenance = {
         "method": "ga",
         "settings": asdict(settings),

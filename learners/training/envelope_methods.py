@@ -16,6 +16,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
+from ..data.executor import Executor
 from ..selectors.genetic import GeneticSettings, fit_genetic
 from ..selectors.gradient import Descent, descend, fit_gradient
 from ..selectors.heuristic import heuristic_envelope
@@ -37,10 +38,11 @@ def fit(
     progress: Progress | None = None,
     *,
     checkpoint: Path | None = None,
+    run: Executor | None = None,
 ) -> EnvelopeSet:
     """Learn envelopes from the data set's S and S̄. Raises InvalidInput where it lacks what the method needs.
 
-    ``progress`` is told steps done and steps in all where a method takes its time.
+    ``progress`` is told steps done and steps in all where a method takes its time. run: the executor of "ga".
     """
     checked_choice(method, "method", ENVELOPES)
     if len(dataset.feasible) < 2 or (method.startswith("gmm") and len(dataset.infeasible) < 2):
@@ -52,7 +54,7 @@ def fit(
         return heuristic_envelope(dataset.problem_class, list(dataset.problems()))
     if method == "ga":
         knobs = typed(GeneticSettings, settings.genetic, "genetic")
-        return fit_genetic(dataset, knobs, progress, checkpoint=checkpoint)
+        return fit_genetic(dataset, knobs, progress, checkpoint=checkpoint, run=run)
     if method == "gradient":
         return fit_gradient(
             dataset, boxes=settings.boxes, steps=settings.steps, batch=settings.batch, share=settings.share,

@@ -13,12 +13,15 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import check_fields
 
+from ..data.executor import Executor
 from ..selectors.genetic import GeneticSettings
 from ..settings import typed
 
 if TYPE_CHECKING:
     from .train_config import TrainConfig
 
+SPREAD = ("ga",)
+"""Methods that use an executor."""
 KNOBS: Mapping[str, tuple[str, ...]] = {
     "heuristic": (),
     "quantile": ("share",),
@@ -113,7 +116,8 @@ class FitRequest:
 
     datasets: rows to learn from; all but "modes" want one, ``dataset``. progress: told steps done and in all, where a
     method takes its time. calibration: rows to calibrate on, never those of a test; a part of the data set where None.
-    checkpoint: file or folder by which a method that takes long goes on where it was stopped.
+    checkpoint: file or folder by which a method that takes long goes on where it was stopped. run: executor of a method
+    that spreads its work ("ga"); this process where None.
     """
 
     datasets: tuple[Dataset, ...]
@@ -121,6 +125,7 @@ class FitRequest:
     progress: Progress | None = None
     calibration: Dataset | None = None
     checkpoint: Path | None = None
+    run: Executor | None = None
 
     @property
     def dataset(self) -> Dataset:

@@ -12,6 +12,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.plugins import Registry, takes
 from stancekit.planners.relaxation.modes import Modes
 
+from ..data.executor import Executor
 from ..selectors.modes import modes_of
 from ..selectors.selector import Learned
 from .envelope_methods import ENVELOPES, fit
@@ -44,6 +45,7 @@ def learn(
     *,
     calibration: Dataset | None = None,
     checkpoint: Path | None = None,
+    run: Executor | None = None,
 ) -> Learned | Modes:
     """Learn by any method: one of ``METHODS``, or "FILE.py:NAME".
 
@@ -51,7 +53,7 @@ def learn(
     """
     datasets = (dataset,) if isinstance(dataset, Dataset) else tuple(dataset)
     request = FitRequest(
-        datasets=datasets, settings=settings, progress=progress, calibration=calibration, checkpoint=checkpoint
+        datasets=datasets, settings=settings, progress=progress, calibration=calibration, checkpoint=checkpoint, run=run
     )
     found = _method(method)(request)
     return found if isinstance(found, Modes) else Learned.of(found, method, datasets[0].problem_class)
@@ -80,7 +82,8 @@ def modes(request: FitRequest) -> Modes:
 
 
 def _envelopes(method: str, request: FitRequest) -> Any:
-    return fit(method, request.dataset, request.settings, request.progress, checkpoint=request.checkpoint)
+    return fit(method, request.dataset, request.settings, request.progress, checkpoint=request.checkpoint,
+               run=request.run)  # fmt: skip
 
 
 heuristic, quantile, gmm_printed, gmm, ga, gradient = (partial(_envelopes, name) for name in ENVELOPES)

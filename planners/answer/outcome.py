@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
+from ..problem.posture import PostureProblem
 
 
 class Status(enum.StrEnum):
@@ -172,6 +173,8 @@ class Outcome:
     Arguments:
         status: of the problem itself.
         method: which planner.
+        problem: that was answered, of which a certificate is a proof; None in the outcomes of a batch, and of a foreign
+            planner that nobody has verified.
         posture: that the verifier accepted, where feasible.
         certificate: that the verifier accepted, where infeasible.
         residual: largest violation of any constraint by ``posture``, non-dimensional; NaN without a posture.
@@ -194,6 +197,7 @@ class Outcome:
 
     status: Status
     method: str
+    problem: PostureProblem | None = None
     posture: Posture | None = None
     certificate: Certificate | None = None
     residual: float = float("nan")

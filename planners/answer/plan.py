@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 from ..files.arrays import Array
 from ..problem.course import Course
 from .outcome import Certificate, Posture, Status
+
+if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
+    from ..verify.report import Report
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,8 +107,10 @@ class PlanOutcome:
     """What one planner says of one course.
 
     Arguments:
-        status: of the course itself.
+        status: of the course itself; of a robot with legs of its own, infeasible is proved over their outer sets.
         method: which planner.
+        problem: the course that was answered, of which a certificate is a proof: over the outer sets of the legs where
+            there are any. None in the outcome of a foreign planner that nobody has verified.
         plan: accepted by the verifier where ``status`` is feasible.
         objective: of the plan.
         bound: proved lower bound on the objective of any plan (inf where none exists, NaN where nothing is proved).
@@ -117,6 +123,8 @@ class PlanOutcome:
         claim: what a method says that cannot prove it.
         message: why it is undecided.
         details: further numbers of the method.
+        report: the verifier's report on all of the plan, joints, torque, bodies and motion too; None without a plan,
+            and where contacts alone were asked for.
     Source:
         Paper E §IV-B.
     Example:
@@ -128,6 +136,7 @@ class PlanOutcome:
 
     status: Status
     method: str
+    problem: Course | None = None
     plan: Plan | None = None
     objective: float = float("nan")
     bound: float = float("nan")
@@ -141,3 +150,13 @@ class PlanOutcome:
     claim: str = ""
     message: str = ""
     details: Mapping[str, float] = field(default_factory=dict)
+    report: Report | None = None
+
+    @property
+    def sets(self) -> Sets | None:
+        """The sets of the robot's legs that ``problem`` is over; None for a robot without legs, or with other sets."""
+        if self.problem is None:
+            return None
+        from ..robot.contact_robot import sets_of
+
+        return sets_of(self.problem.robot)

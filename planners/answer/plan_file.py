@@ -1,7 +1,8 @@
-"""Plan files ``stancekit/plan/2``: one JSON file with course, verdict and digest, and the numbers as an archive in it.
+"""Plan files ``stancekit/plan/3``: one JSON file with course, verdict and digest, and the numbers as an archive in it.
 
 It carries a SHA-256 of what was written, so that a file that was edited by hand is refused and not obeyed. Files of
-``stancekit/plan/1`` have their numbers in NAME.npz beside them, and are read as ever.
+``stancekit/plan/1`` have their numbers in NAME.npz beside them, and are read as ever; those and ``stancekit/plan/2``
+have no hulls of their robot's meshes, which are not judged then.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
 
 __all__ = ["FORMAT", "FileCheck", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
 
-FORMAT = "stancekit/plan/2"
+FORMAT = "stancekit/plan/3"
+OLDER = "stancekit/plan/2"
 PAIRED = "stancekit/plan/1"
 KEYS = ("format", "verified", "verdict", "provenance", "course", "arrays", "sha256")
 PARTS: dict[str, dict[str, type]] = {
@@ -46,19 +48,21 @@ PARTS: dict[str, dict[str, type]] = {
 """What the objects in the header hold at least."""
 OF_JOINTS = ("joints", "torque")
 """Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
-ARRAYS: dict[str, dict[str, type]] = {FORMAT: {"npz": str}, PAIRED: {"file": str, "sha256": str}}
+ARRAYS: dict[str, dict[str, type]] = {FORMAT: {"npz": str}, OLDER: {"npz": str}, PAIRED: {"file": str, "sha256": str}}
 """And where the numbers are, by format."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileCheck:
     """What a second look at a plan file says. same: the verdict and digest in the file are those of this look.
-    unfounded: what the file lists as checked and nobody can check, by what the file itself says of its robot."""
+    unfounded: what the file lists as checked and nobody can check, by what the file itself says of its robot. older:
+    the format of a file that says less of its robot than files do now, empty else."""
 
     path: str
     report: Report
     same: bool
     unfounded: tuple[str, ...] = ()
+    older: str = ""
 
     @property
     def accepted(self) -> bool:
@@ -73,6 +77,8 @@ class FileCheck:
             parts.append("the file claims another verdict")
         if self.unfounded:
             parts.append(f"the file lists as checked what nobody can check: {', '.join(self.unfounded)}")
+        if self.older:
+            parts.append(f"a file of {self.older}, which has no hulls of its robot's meshes")
         return "; ".join(parts)
 
     def to_json(self) -> dict[str, Any]:
@@ -194,7 +200,9 @@ def check_file(
     found = report.contacts and "failed" not in listed.values()
     same = found == said["accepted"] == header["verified"]
     unfounded = [name for name in OF_JOINTS if listed.get(name) == "not checked"] if find_spec("pinocchio") else []
-    return FileCheck(path=str(path), report=report, same=same, unfounded=tuple(unfounded))
+    bare = own is not None and any(shape.kind == "mesh" for shape in own.shapes)
+    older = header["format"] if bare and header["format"] != FORMAT else ""
+    return FileCheck(path=str(path), report=report, same=same, unfounded=tuple(unfounded), older=older)
 
 
 def is_plan_file(path: str | Path) -> bool:
@@ -217,7 +225,7 @@ def _header(path: Path) -> dict[str, Any]:
     """The header, as it was written. Raises InvalidInput."""
     data = read_json(path)
     found = data.get("format") if isinstance(data, dict) else type(data).__name__
-    if found not in (FORMAT, PAIRED):
+    if found not in tuple(ARRAYS):
         hint = ", a walk: stancekit run and verify take those" if str(found).startswith("stancekit/gait/") else ""
         raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(found)}{hint}")
     if set(data) != set(KEYS):

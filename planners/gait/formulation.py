@@ -11,7 +11,7 @@ from .constraints.cone import cone
 from .constraints.contact import contact
 from .constraints.durations import durations
 from .constraints.dynamics import dynamics
-from .constraints.ends import goal, start, still_end, still_start
+from .constraints.ends import goal, heading_end, start, still_end, still_start
 from .constraints.reach import reach
 from .constraints.swing import swing
 from .constraints.trunk import trunk
@@ -33,6 +33,7 @@ def terms(structure: Structure) -> list[Constraint]:
         still_start(structure),
         *start(structure),
         goal(structure),
+        heading_end(structure),
         still_end(structure),
         durations(structure),
     ]

@@ -205,6 +205,7 @@ class GaitSolution:
             start_xy_m=task.start_xy_m,
             goal_xy_m=task.goal_xy_m,
             heading_rad=task.start_yaw_rad,
+            heading_end_rad=task.end_yaw_rad,
             still=(True, settings.still_end),
             suction_n=task.suction_n,
             provenance={

@@ -30,7 +30,9 @@ class GaitTask:
         robot: a torso with feet (``robot.single_body``).
         terrain: a height field.
         start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m].
-        start_yaw_rad: heading at the start, kept by the initial guess [rad].
+        start_yaw_rad: heading at the start [rad].
+        end_yaw_rad: heading at the end, that of the start where it is None; from one to the other the robot turns by
+            their difference as it is, by more than a half turn where that is more [rad].
         duration_s: T [s], up to 120.
         friction: ν of W5; less makes walks slower to find, and gentler.
         adhesive: feet that stick, one truth value for each foot or none at all.
@@ -48,6 +50,7 @@ class GaitTask:
     start_xy_m: Array
     goal_xy_m: Array
     start_yaw_rad: float = 0.0
+    end_yaw_rad: float | None = None
     duration_s: float = 10.0
     friction: float = 0.75
     adhesive: tuple[bool, ...] = ()
@@ -70,6 +73,7 @@ class GaitTask:
             lambda: self._set("start_xy_m", read_only(self.start_xy_m, (2,), "start_xy_m")),
             lambda: self._set("goal_xy_m", read_only(self.goal_xy_m, (2,), "goal_xy_m")),
             lambda: self._set("start_yaw_rad", checked(self.start_yaw_rad, "start_yaw_rad")),
+            lambda: self.end_yaw_rad is None or self._set("end_yaw_rad", checked(self.end_yaw_rad, "end_yaw_rad")),
             lambda: self._set("duration_s", checked(self.duration_s, "duration_s", above=0.0, most=120.0)),
             lambda: self._set("friction", checked(self.friction, "friction", above=0.0, most=10.0)),
             lambda: self._set("suction_n", checked(sucks, "suction_n", least=0.0)),
@@ -86,21 +90,23 @@ class GaitTask:
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
 
-    @property
-    def _turn(self) -> Array:
-        """The rotation by the heading in the plane, shape (2, 2)."""
-        cosine, sine = np.cos(self.start_yaw_rad), np.sin(self.start_yaw_rad)
-        return np.array([[cosine, -sine], [sine, cosine]])
+    def yaws(self) -> tuple[float, float]:
+        """Headings at the start and at the end [rad]."""
+        return self.start_yaw_rad, self.start_yaw_rad if self.end_yaw_rad is None else self.end_yaw_rad
 
-    def stance_m(self, xy_m: Array) -> Array:
-        """Where the feet of the nominal stance are on the terrain, with the torso over ``xy_m``, shape (E, 3) [m]."""
-        xy = xy_m + np.array([foot.nominal_m[:2] for foot in self.robot.feet]) @ self._turn.T
+    def stance_m(self, xy_m: Array, yaw_rad: float | None = None) -> Array:
+        """Where the feet of the nominal stance are on the terrain, with the torso over ``xy_m``, shape (E, 3) [m].
+
+        yaw_rad: its heading, that of the start where it is None.
+        """
+        turn = _turn(self.start_yaw_rad if yaw_rad is None else yaw_rad)
+        xy = xy_m + np.array([foot.nominal_m[:2] for foot in self.robot.feet]) @ turn.T
         return np.column_stack([xy, self.terrain.height(xy)])
 
     def _check_place(self, which: str) -> None:
         """Raise InvalidInput for a place off the terrain, inside a wall, or where the feet cannot reach the ground."""
-        xy = getattr(self, f"{which}_xy_m")
-        feet = self.stance_m(xy)
+        xy, yaw = getattr(self, f"{which}_xy_m"), self.yaws()[which == "goal"]
+        feet = self.stance_m(xy, yaw)
         if not np.all(self.terrain.contains(np.vstack([feet[:, :2], xy]))):
             (x0, x1), (y0, y1) = self.terrain.domain_m
             raise InvalidInput(
@@ -113,33 +119,40 @@ class GaitTask:
                 f"{which}_xy_m: expected ground to stand on, got a wall of {np.rad2deg(np.arctan(slope)):.0f}° "
                 f"at ({xy[0]:g}, {xy[1]:g})"
             )
-        self._check_reach(which, feet)
+        self._check_reach(which, feet, yaw)
 
-    def _stands(self, xy_m: Array, slope: Array) -> bool:
-        """Whether a torso over ``xy_m``, inclined by ``slope``, has a height at which every box holds some ground.
+    def _stands(self, xy_m: Array, yaw_rad: float, slope: Array) -> bool:
+        """Whether a torso over ``xy_m`` with this heading, inclined by ``slope``, has a height at which every box holds
+        some ground.
 
         Boxes stay upright here: on a slope of 45° that is off by a fifth of their sides, and no proof is needed.
         """
         lowest, highest = -np.inf, np.inf
         for foot in self.robot.feet:
             lines = (np.linspace(foot.reach_min_m[k], foot.reach_max_m[k], 9) for k in range(2))
-            away = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2) @ self._turn.T
+            away = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2) @ _turn(yaw_rad).T
             ground = self.terrain.height(xy_m + away) - away @ slope
             lowest = max(lowest, float(ground.min() - foot.reach_max_m[2]))
             highest = min(highest, float(ground.max() - foot.reach_min_m[2]))
         return lowest <= highest
 
-    def _check_reach(self, which: str, feet: Array) -> None:
+    def _check_reach(self, which: str, feet: Array, yaw_rad: float) -> None:
         """Some height of the torso, level or along the ground, must bring all feet to ground within their boxes."""
         xy = getattr(self, f"{which}_xy_m")
         away = feet[:, :2] - xy
         plane, *_ = np.linalg.lstsq(np.column_stack([away, np.ones(len(feet))]), feet[:, 2], rcond=None)
         slope = plane[:2] * min(1.0, max(STEEPEST, self.friction) / max(float(np.linalg.norm(plane[:2])), 1e-12))
-        if not any(self._stands(xy, share * slope) for share in (0.0, 0.5, 1.0)):
+        if not any(self._stands(xy, yaw_rad, share * slope) for share in (0.0, 0.5, 1.0)):
             raise InvalidInput(
                 f"{which}_xy_m: expected ground that all feet reach, got heights from {feet[:, 2].min():.2f} to "
                 f"{feet[:, 2].max():.2f} m under the feet at ({xy[0]:g}, {xy[1]:g})"
             )
+
+
+def _turn(yaw_rad: float) -> Array:
+    """The rotation by a heading in the plane, shape (2, 2)."""
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[cosine, -sine], [sine, cosine]])
 
 
 @dataclass(frozen=True, kw_only=True)

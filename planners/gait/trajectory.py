@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..files.comparison import first_difference
 from ..files.validation import shown, validation_errors
 from ..robot.model_json import ModelJson, model_from_json, model_to_json
 
@@ -50,6 +51,7 @@ class Trajectory:
         adhesive: feet without a friction cone, shape (E,), bool.
         start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m].
         heading_rad: which way it has to face at the start, from x towards y [rad]; None where nothing is asked.
+        heading_end_rad: the same at the end.
         still: whether it has to be at rest at the start, and at the end.
         suction_n: what an adhesive foot may pull with [N]: its cone begins at that pull; None for no bound.
         provenance: what made it, names to texts or numbers.
@@ -78,6 +80,7 @@ class Trajectory:
     start_xy_m: Array
     goal_xy_m: Array
     heading_rad: float | None = None
+    heading_end_rad: float | None = None
     still: tuple[bool, bool] = (False, False)
     suction_n: float | None = None
     provenance: Mapping[str, str | float] = field(default_factory=dict)
@@ -87,7 +90,7 @@ class Trajectory:
             object.__setattr__(self, name, _held(getattr(self, name), np.float64, name))
         for name in ("contact", "adhesive"):
             object.__setattr__(self, name, _held(getattr(self, name), np.bool_, name))
-        for name in ("heading_rad", "suction_n"):
+        for name in ("heading_rad", "heading_end_rad", "suction_n"):
             value = getattr(self, name)
             object.__setattr__(self, name, None if value is None else float(value))
         start, end = self.still
@@ -127,12 +130,14 @@ class Trajectory:
     @property
     def asked(self) -> dict[str, Any]:
         """What the walk was asked for besides its two places, as JSON-ready values."""
-        return {"heading_rad": self.heading_rad, "still": list(self.still), "suction_n": self.suction_n}
+        turned = {} if self.heading_end_rad is None else {"heading_end_rad": self.heading_end_rad}
+        return {"heading_rad": self.heading_rad, **turned, "still": list(self.still), "suction_n": self.suction_n}
 
     @property
     def _asks(self) -> bool:
         """Whether anything is; a file from before there was such a thing asks nothing."""
-        return any(self.still) or self.heading_rad is not None or self.suction_n is not None
+        numbers = (self.heading_rad, self.heading_end_rad, self.suction_n)
+        return any(self.still) or any(number is not None for number in numbers)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The samples by name, and the terrain's arrays under ``terrain_…``."""
@@ -167,7 +172,9 @@ def robot_from_json(data: Any) -> GaitRobot:
     try:
         feet = tuple(Foot(**foot) for foot in data["feet"])
         model = model_from_json(ModelJson.model_validate(data["model"]), data["name"]) if "model" in data else None
-        return GaitRobot(**{**data, "feet": feet, "model": model})
+        robot = GaitRobot(**{**data, "feet": feet, "model": model})
+        _check_built_in(robot)
+        return robot
     except ValidationError as error:
         wrong = "; ".join(f"model.{each}" for each in validation_errors(error, ModelJson))
         raise InvalidInput(f"robot: {wrong}") from None
@@ -175,6 +182,16 @@ def robot_from_json(data: Any) -> GaitRobot:
         raise InvalidInput(f"robot: {error}") from None
     except (TypeError, KeyError, ValueError, AttributeError):
         raise InvalidInput(f"robot: expected an object as `stancekit gait` writes it, got {shown(data)}") from None
+
+
+def _check_built_in(robot: GaitRobot) -> None:
+    """Raise InvalidInput for a robot that is called as one of the package's and has other numbers."""
+    from ..robot.walker import BUILT_IN
+
+    if robot.model is None and robot.name in BUILT_IN:
+        own = robot_to_json(BUILT_IN[robot.name]())
+        if other := first_difference(robot_to_json(robot), own):
+            raise InvalidInput(f"expected the numbers of the built-in {robot.name}, got others: {other}")
 
 
 def _held(value: Any, kind: type, where: str) -> NDArray[Any]:

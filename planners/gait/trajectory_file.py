@@ -1,4 +1,4 @@
-"""Files of trajectories, ``stancekit/gait/2``: JSON, the header with the verdict, and the samples as an archive in it.
+"""Files of trajectories, ``stancekit/gait/3``: JSON, the header with the verdict, and the samples as an archive in it.
 
 The digest covers every value of both, so a file changed by hand is refused. Files of ``stancekit/gait/1`` have their
 samples in NAME.npz beside them; they are read as ever, and half of a pair that belongs to another run is refused.
@@ -25,7 +25,7 @@ from ..files.documents import read_json
 from ..files.embedded import embedded, extracted
 from ..files.validation import shown, validated
 from ..files.writing import check_writable, write_text
-from ..robot.model_json import without_folders
+from ..robot.model_json import robot_numbers
 from ..terrain.heightfield import HeightField
 from ..verify.trajectories import GaitReport, check_trajectory
 from .trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
@@ -33,7 +33,8 @@ from .trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
 if TYPE_CHECKING:
     from ..robot.single_body import GaitRobot
 
-FORMAT = "stancekit/gait/2"
+FORMAT = "stancekit/gait/3"
+OLDER = "stancekit/gait/2"
 PAIRED = "stancekit/gait/1"
 TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
@@ -119,13 +120,13 @@ def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> GaitRepor
 
 
 def _difference(robot: GaitRobot, expected: GaitRobot) -> str:
-    said, asked = (without_folders(robot_to_json(each)) for each in (robot, expected))
+    said, asked = (robot_numbers(robot_to_json(each)) for each in (robot, expected))
     return first_difference(said, asked)
 
 
 def is_trajectory(data: Any) -> bool:
     """Whether a parsed JSON document is the header of a trajectory."""
-    return isinstance(data, dict) and data.get("format") in (FORMAT, PAIRED)
+    return isinstance(data, dict) and data.get("format") in (FORMAT, OLDER, PAIRED)
 
 
 def copied(trajectory: Trajectory) -> Trajectory:
@@ -165,6 +166,7 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
         goal_xy_m=read_only(header.goal_xy_m, (2,), "goal_xy_m"),
         provenance=header.provenance,
         heading_rad=header.asked.heading_rad,
+        heading_end_rad=header.asked.heading_end_rad,
         still=(header.asked.still[0], header.asked.still[1]),
         suction_n=header.asked.suction_n,
     )
@@ -177,13 +179,14 @@ def _seal(header: Mapping[str, Any]) -> str:
 class _Asked(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     heading_rad: float | None = None
+    heading_end_rad: float | None = None
     still: list[bool] = Field(default=[False, False], min_length=2, max_length=2)
     suction_n: float | None = None
 
 
 class _Header(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
-    format: Literal["stancekit/gait/1", "stancekit/gait/2"]
+    format: Literal["stancekit/gait/1", "stancekit/gait/2", "stancekit/gait/3"]
     verified: bool
     robot: dict[str, Any]
     terrain: str
@@ -201,5 +204,5 @@ class _Header(BaseModel):
     @model_validator(mode="after")
     def _has_its_samples(self) -> Self:
         if (self.samples is None) != (self.format == PAIRED):
-            raise InvalidInput(f"samples: expected in {FORMAT} and not in {PAIRED}")
+            raise InvalidInput(f"samples: expected in {FORMAT} and {OLDER}, and not in {PAIRED}")
         return self

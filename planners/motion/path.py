@@ -95,12 +95,11 @@ class PlanPath:
     def __init__(self, plan: Plan, clearance_m: float = CLEARANCE_M) -> None:
         self.plan, self._clearance_m, course = plan, clearance_m, plan.course
         self._names = course.robot.limb_names
-        for frame, lifts in enumerate(course.lifts):
-            if frame and len(lifts) == len(self._names):
-                raise InvalidInput(
-                    f"frame {frame}: expected limbs that stay and carry the robot, got a schedule that lifts all of "
-                    "them at once: no position control can execute that"
-                )
+        if course.uncarried:
+            raise InvalidInput(
+                f"frame {course.uncarried[0]}: expected limbs that stay and carry the robot, got a schedule that lifts "
+                "all of them at once: no position control can execute that"
+            )
         self.solids = tuple(Solid.behind(patch) for patch in course.terrain)
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
         self.normals = np.array([patch.normal for patch in patches])

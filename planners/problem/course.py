@@ -214,6 +214,12 @@ class Course:
             found += [Stance(k, limbs) for limbs in kept or [everybody]]
         return tuple(found)
 
+    @cached_property
+    def uncarried(self) -> tuple[int, ...]:
+        """The frames before which all limbs lift at once, so that nobody carries the robot there: such a course asks
+        for the frames alone, and no plan of it can be executed."""
+        return tuple(k for k, lifted in enumerate(self.lifts) if len(lifted) == len(self.robot.limbs))
+
     def direction(self, frame: int) -> Array:
         """Unit vector of the nominal step to ``frame`` from the one before, shape (3,); zero where it does not move."""
         step = self.com_nominal_m[frame] - self.com_nominal_m[frame - 1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..files.comparison import first_difference
-from ..robot.model_json import without_folders
+from ..robot.model_json import robot_numbers
 from .course import Course
 from .course_json import course_to_json
 
@@ -20,5 +20,5 @@ def course_difference(course: Course, expected: Course) -> str:
     )
     for each in (said, asked):
         each["placements"] = [{k: v for k, v in put.items() if k != "candidates"} for put in each["placements"]]
-        each["robot"] = without_folders(each["robot"])
+        each["robot"] = robot_numbers(each["robot"])
     return first_difference(said, asked)

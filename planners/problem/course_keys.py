@@ -17,14 +17,12 @@ from ..robot.reach import ReachRows
 from .course import MOST_FRAMES, StepLimits
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
-from .terrain_spec import SolePoints
+from .terrain_spec import ROOM_M, SolePoints
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
     from ..robot.robot_model import RobotModel
 
-ROOM_M = 0.002
-"""Between a foot and what rises beside its surface [m]."""
 UPRIGHT = 0.1
 """Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of steps."""
 ROLLS_RAD = 0.6
@@ -242,7 +240,7 @@ class CourseSpec(_Keys):
         from ..robot.contact_robot import standing_toes
 
         update: dict[str, Any] = {}
-        if "margin_m" not in self.candidates.model_fields_set:
+        if "margin_m" not in self.candidates.model_fields_set or self.candidates.everywhere:
             rolls = 0.0 if self.candidates.everywhere else ROLLS_RAD  # proofs are of all that a foot may stand on
             margin = max(self.candidates.margin_m, *((1.0 + rolls) * leg.radius_m + ROOM_M for leg in model.legs))
             update["candidates"] = self.candidates.model_copy(update={"margin_m": margin})

@@ -40,8 +40,11 @@ def build_course(
         from ..robot.reach_file import read_reach
 
         robot = read_reach(reach, robot.limb_names).applied(robot)
-    spec = spec if model is None else spec.standing(model, robot)
-    spec = _started(spec, robot, folder)
+    placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach
+    if model is not None and sets == "outer" and not spec.candidates.everywhere:
+        placed_by = spec.make_robot(model)
+    spec = spec if model is None else spec.standing(model, placed_by)
+    spec = _started(spec, placed_by, folder)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
     radius = np.full(spec.frames, spec.body.com_radius_m)
@@ -52,7 +55,7 @@ def build_course(
     lifts = ((), *(turns[(k - 1) % len(turns)] for k in range(1, spec.frames)))
     terrain = spec.terrain.along(corners, folder)
     footholds, placed = _footholds(
-        spec, robot, lifts, com_m, radius, passed, CandidatePatches(terrain, spec.candidates.margin_m)
+        spec, placed_by, lifts, com_m, radius, passed, CandidatePatches(terrain, spec.candidates.margin_m)
     )
     return Course(
         name=spec.name, robot=robot, terrain=terrain.patches, footholds=footholds, lifts=lifts,

@@ -11,9 +11,10 @@ from pydantic import Field, field_validator
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..plugins import split_name
+from ..robot.urdf import FOOT_RADIUS_M
 from ..terrain.families import TERRAIN_FAMILIES, FamilyTerrain, family_terrain
 from ..terrain.patch import Patch
-from .terrain_spec import Terrain, TerrainSpec
+from .terrain_spec import ROOM_M, Terrain, TerrainSpec
 
 FRAMES, STRIDE_M, HEIGHT_M = 4, 0.08, 0.20
 """Of the courses, see ``family_keys``."""
@@ -75,7 +76,7 @@ def family_keys(name: str) -> dict[str, Any]:
         "goal_m": list(goal), "stride_m": STRIDE_M, "stance": stance,
         "body": {"com_radius_m": 0.06, "first_radius_m": 0.02},
         "steps": {"com_m": 0.15, "toe_m": 0.40, "rotation_rad": 0.15, "progress_m": 0.02},
-        "candidates": {"everywhere": True, "margin_m": 0.01},
+        "candidates": {"everywhere": True, "margin_m": FOOT_RADIUS_M + ROOM_M},
         "terrain": polygon_keys(scene.patches, scene.footing) if ".py:" in family
         else {"kind": "family", "family": family, "level": level, "seed": seed},
     }  # fmt: skip

@@ -16,6 +16,8 @@ from ..terrain.patch import Patch
 from ..terrain.sole import checked_sole
 
 MOST_PATCHES = 5000
+ROOM_M = 0.002
+"""Between a foot and what rises beside its surface [m]."""
 Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
 Friction = Annotated[float, Field(ge=0.0, le=10.0)]

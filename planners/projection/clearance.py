@@ -11,7 +11,8 @@ q̃ the joints of the key frames that the moment is between, as the body is: eve
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
@@ -24,6 +25,7 @@ from ..equilibrium.gather import Fill
 from ..equilibrium.layout import Index
 from ..equilibrium.rows import Rows
 from ..equilibrium.terms import Given
+from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
 from ..motion.path import Moments, PlanPath
@@ -33,6 +35,7 @@ from ..robot.leg_slopes import turning
 from ..robot.overlaps import Near
 from ..terrain.obstacles import Obstacles
 
+T = TypeVar("T")
 APART_M = 0.03
 """Moments are looked at so far apart: a third of those that are judged."""
 ROOM_M = 1e-3
@@ -68,10 +71,11 @@ class Nearness:
 
 
 class PathClearance:
-    """Looks along the paths of plans over one course. Raises InvalidInput without coal, as ``Bodies`` does."""
+    """Looks along the paths of plans over one course, each of which raises TimeEnded after the deadline
+    (``time.perf_counter()``). Raises InvalidInput without coal, as ``Bodies`` does."""
 
-    def __init__(self, plan: Plan, solver: Kinematics) -> None:
-        self._solver = solver
+    def __init__(self, plan: Plan, solver: Kinematics, deadline: float = math.inf) -> None:
+        self._solver, self._deadline = solver, deadline
         self._bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
 
     def depths(self, plan: Plan) -> tuple[float, float]:
@@ -82,7 +86,7 @@ class PathClearance:
         moments, postures = _with_keys(path.path, *path.judged())
         found = [
             (overlap.depth_m, overlap.depth_m + (ROOM_M if overlap.other in self._bodies.links else -TOUCH_M))
-            for _, body in path_bodies(path.path, moments, postures)
+            for _, body in self._in_time(path_bodies(path.path, moments, postures))
             for overlap in self._bodies.overlaps(body, links_m=-ROOM_M)
         ]
         stray = float(postures.error_m.max())
@@ -90,13 +94,19 @@ class PathClearance:
         depths, excess = zip(*found, strict=True)
         return max(depths), max(excess)
 
+    def _in_time(self, each: Iterable[T]) -> Iterator[T]:
+        """The same, as long as there is time."""
+        for one in each:
+            check_time(self._deadline)
+            yield one
+
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
         """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is
         nearest, and wherever it is too near."""
         path = JointPath(PlanPath(plan), self._solver, apart_m)
         moments, postures = _with_keys(path.path, *path.judged(turn_rad=np.inf))
         near = list[tuple[int, Near]]()
-        for t, (_, body) in enumerate(path_bodies(path.path, moments, postures)):
+        for t, (_, body) in enumerate(self._in_time(path_bodies(path.path, moments, postures))):
             loose = replace(body, stands=np.ones_like(body.stands))  # feet lift off what they stand on
             near += [(t, each) for each in self._bodies.near(loose, clearance_m + NEAR_M)]
         near = _nearest(near, clearance_m)
@@ -169,10 +179,10 @@ def _with_keys(path: PlanPath, moments: Moments, postures: PathPostures) -> tupl
     return _joined(moments, keys), _joined(postures, drawn)
 
 
-T = TypeVar("T", Moments, PathPostures)
+J = TypeVar("J", Moments, PathPostures)
 
 
-def _joined(one: T, other: T) -> T:
+def _joined(one: J, other: J) -> J:
     names = [item.name for item in fields(one)]
     return replace(one, **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in names})
 

@@ -17,6 +17,7 @@ One of one's own is one function, called as these are; what it says is verified 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -50,13 +51,23 @@ STALLED = 0.9
 """A posture's SCP ends where a step leaves more than this share of the moment: one that gets there leaves far less."""
 
 
-def project(programs: Programs, projection: Projection, scaled: Scaled, start: Point, *, steps: int = STEPS) -> Point:
+def project(
+    programs: Programs,
+    projection: Projection,
+    scaled: Scaled,
+    start: Point,
+    *,
+    steps: int = STEPS,
+    deadline: float = float("inf"),
+) -> Point:
     """Project ``start`` on the bilinear surface, one candidate a foothold; the residual is inf without an answer.
 
-    steps: most linearised steps of "scp". Raises InvalidInput for an unknown name, and what one of another package or
-    of a file raises.
+    steps, deadline: most linearised steps of "scp", and when they have to end, see ``scp``. Raises InvalidInput for an
+    unknown name, and what one of another package or of a file raises.
     """
     make = PROJECTIONS.get(projection)
+    if make is _scp:
+        return scp(programs, scaled, start, steps=steps, deadline=deadline)
     if getattr(make, "__module__", "") == __name__:
         return make(programs, scaled, start, steps)
     with foreign(f"projection {projection}"):
@@ -94,16 +105,28 @@ def _scp(programs: Programs, scaled: Scaled, start: Point, steps: int) -> Point:
     return scp(programs, scaled, start, steps=steps)
 
 
-def scp(programs: Programs, scaled: Scaled, start: Point, *, steps: int = STEPS, worth: float = float("inf")) -> Point:
+def scp(
+    programs: Programs,
+    scaled: Scaled,
+    start: Point,
+    *,
+    steps: int = STEPS,
+    worth: float = float("inf"),
+    deadline: float = float("inf"),
+) -> Point:
     """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
 
     worth: of a posture, take no step where the first toes leave more than this; none, either, after one that stalled.
+    deadline: begin no step that would end after it (``time.perf_counter()``), by how long the one before took.
     """
     least = scaled.weights is None
-    held, step = programs.get(FixToes, scaled.layout, False, least), None
+    held, step, began = programs.get(FixToes, scaled.layout, False, least), None, time.perf_counter()
     best = point = held.solve(scaled, start)
     solves, seconds, most = 1, point.seconds, float("inf")
     for _ in range(steps):
+        took, began = time.perf_counter() - began, time.perf_counter()
+        if began + took > deadline:
+            break
         vain = least and (not np.isfinite(point.residual) or best.residual > worth or point.residual > most)
         if best.residual <= SURFACE or vain:
             break

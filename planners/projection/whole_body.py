@@ -15,6 +15,8 @@ where it is not: that a torque stays too large says nothing of the course.
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +24,7 @@ import numpy as np
 from ..answer.plan import Plan
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..errors import InvalidInput
+from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
 from ..motion.joints import STRAY_M
 from ..robot.kinematics import Kinematics
@@ -50,6 +52,8 @@ PATIENCE, HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are tried."""
 TIGHTER, ROOM = 3, 0.95
 """So often less torque is allowed at key frames, where between them there is more than this share of the limit."""
+LOOKS = 2.5
+"""The verifier takes up to this many times as long as one look along the path of a plan does."""
 ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
 """How far apart moments are that steps keep clear: none while nothing collides, and more where that does not do."""
 
@@ -110,26 +114,30 @@ def whole_body(
     limits: WholeBodyLimits = WholeBodyLimits(),
     kinematics: Kinematics | None = None,
     start_rad: Array | None = None,
+    *,
+    deadline: float = math.inf,
 ) -> WholeBodyPlan:
     """The plan with joint angles, with torques within the limits and bodies apart where such a plan is found; never a
     worse one.
 
-    start_rad: of a robot that stands already at the first key frame, as for ``plan_angles``. Raises InvalidInput
-    without pinocchio, and for a robot whose legs are not known.
+    start_rad: of a robot that stands already at the first key frame, as for ``plan_angles``. deadline: when the plan
+    has to be found and judged (``time.perf_counter()``), by how long a look along its path takes; the best that was met
+    until then counts. Raises InvalidInput without pinocchio, and for a robot whose legs are not known, and TimeEnded
+    where there was not even time for joint angles.
     """
     solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
-    angles = np.array([answer.angles for answer in plan_angles(plan, solver, start_rad)])
+    angles = np.array([answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)])
     plan = replace(plan, joints_rad=angles)
-    first = found = _at_key_frames(plan, limits, solver)
-    if limits.torque_nm is None or not limits.steps or first.after.share > 1.0:
+    first = found = _at_key_frames(plan, limits, solver, deadline)
+    if limits.torque_nm is None or not limits.steps or not first.after.share <= 1.0:
         return found
     share = most = on_the_way(found.plan, solver, limits.of(solver))
     aim = limits
     for _ in range(TIGHTER):
-        if most <= ROOM:
+        if most <= ROOM or time.perf_counter() > deadline:
             break
         aim = replace(aim, torque_nm=ROOM * aim.of(solver).max() / share)
-        other = _at_key_frames(plan, aim, solver)
+        other = _at_key_frames(plan, aim, solver, deadline)
         share = on_the_way(other.plan, solver, limits.of(solver))
         its = replace(other.after, share=largest(other.plan, solver, limits.of(solver))[0])
         reserved = _friction(other.plan) <= _friction(found.plan)  # of which torque is not to cost anything
@@ -144,35 +152,53 @@ def _friction(plan: Plan) -> float:
     return float(plan.provenance.get("friction_share", 1.0))
 
 
-def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics) -> WholeBodyPlan:
+def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics, deadline: float) -> WholeBodyPlan:
     """As ``whole_body`` of a plan with joint angles, with torques looked at at key frames only."""
     said = {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}  # what the verifier holds it to
     plan = replace(plan, provenance={**plan.provenance, **said})
-    clearance = _clearance(plan, solver) if limits.steps else None
+    clearance = _clearance(plan, solver, deadline) if limits.steps else None
 
     def measured(one: Plan) -> Measured:
         depth_m, too_near_m = (np.nan, 0.0) if clearance is None else clearance.depths(one)
         share, torque_nm = largest(one, solver, limits.of(solver))
         return Measured(share=share, torque_nm=torque_nm, depth_m=depth_m, too_near_m=too_near_m)
 
-    before = measured(plan)
+    began = time.perf_counter()
+    try:
+        before = measured(plan)
+    except TimeEnded:
+        unknown = Measured(share=np.nan, torque_nm=np.nan, depth_m=np.nan, too_near_m=np.nan)
+        return WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown)
+    look_s = time.perf_counter() - began
+    deadline -= LOOKS * look_s
     best, after, taken = plan, before, 0
     for apart_m in ATTEMPTS_M:
         if after.share <= (EASY if best is plan else 1.0) and not after.excess[1]:
             break
+        if time.perf_counter() + look_s > deadline:
+            break
         if np.isinf(apart_m) and after.excess[1]:
             continue
         looks = None if np.isinf(apart_m) else clearance
-        found, steps = _Stage(best, solver, limits, looks, apart_m).run(collides=after.excess[1] > 0.0)
-        if found is not None and check_plan(found).accepted and (its := measured(found)).better(after):
+        stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s)
+        found, steps = stage.run(collides=after.excess[1] > 0.0)
+        if found is None or not check_plan(found).accepted:
+            continue
+        try:
+            its = measured(found)
+        except TimeEnded:
+            break
+        if its.better(after):
             best, after, taken = found, its, taken + steps
     return WholeBodyPlan(plan=best, steps=taken, before=before, after=after)
 
 
-def _clearance(plan: Plan, solver: Kinematics) -> PathClearance | None:
-    """None where coal is not installed, or nobody can move so."""
+def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance | None:
+    """None where coal is not installed, and where nobody carries between frames."""
+    if plan.course.uncarried:
+        return None
     try:
-        return PathClearance(plan, solver)
+        return PathClearance(plan, solver, deadline)
     except InvalidInput:
         return None
 
@@ -189,11 +215,19 @@ class _State:
 
 
 class _Stage:
-    """One plan on its way. apart_m: how far apart the moments are that it looks at."""
+    """One plan on its way. apart_m: how far apart the moments are that it looks at. deadline: no step is begun that
+    would end after it (``time.perf_counter()``), by how long the one before took."""
 
     def __init__(
-        self, plan: Plan, solver: Kinematics, limits: WholeBodyLimits, clearance: PathClearance | None, apart_m: float
+        self,
+        plan: Plan,
+        solver: Kinematics,
+        limits: WholeBodyLimits,
+        clearance: PathClearance | None,
+        apart_m: float,
+        deadline: float,
     ) -> None:
+        self._deadline = deadline
         self._plan, self._solver, self._limits, self._limit_nm = plan, solver, limits, limits.of(solver)
         self._clearance, self._apart_m = clearance, apart_m
         self._bounds = solver.lowest_rad, solver.highest_rad
@@ -212,7 +246,11 @@ class _Stage:
             if found is None:
                 continue
             if found.share > 1.0 or collides:
-                state, steps = self._stepped(scaled, restoration, self._state(found, share))
+                try:
+                    begun = self._state(found, share)
+                except TimeEnded:
+                    break
+                state, steps = self._stepped(scaled, restoration, begun)
                 taken += steps
             else:
                 state = _State(at=found, near=None, price=0.0)
@@ -236,8 +274,12 @@ class _Stage:
 
     def _stepped(self, scaled: Scaled, restoration: Restoration, state: _State) -> tuple[_State, int]:
         """After steps that each lower the price, until nothing is too much, or none does; and how many."""
-        radius, taken, before = 1.0, 0, list[float]()
+        radius, taken, before, began = 1.0, 0, list[float](), time.perf_counter()
         for _ in range(self._limits.steps):
+            now = time.perf_counter()
+            began, step_s = now, now - began
+            if now + step_s > self._deadline:
+                break
             before.append(state.price)
             stalled = len(before) > PATIENCE and before[-1] > (1.0 - HEADWAY) * before[-1 - PATIENCE]
             enough = state.at.share <= self._limits.share and not state.too_near
@@ -246,7 +288,10 @@ class _Stage:
             found = self._step(scaled, restoration, state, radius)
             if found is not None and not keeps_to(self._solver, scaled.layout, state.at.angles, found.angles):
                 found = None
-            other = None if found is None else self._state(found, restoration.friction_share)
+            try:
+                other = None if found is None else self._state(found, restoration.friction_share)
+            except TimeEnded:
+                break
             if other is not None and other.price < state.price - GAIN:
                 state, radius, taken = other, min(WIDER * radius, WIDEST), taken + 1
             else:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from ..terrain.obstacles import Ground, Obstacles
+from .contacts import feet_of
 from .kinematics import Kinematics
 from .links_in_ground import LinksInGround
 from .overlaps import Near, Overlap, WholeBody
@@ -69,9 +70,10 @@ class Bodies:
         self._spans = np.array(spans).reshape(-1, 2, 3)
         self._request, self._here = self._coal.DistanceRequest(), self._coal.Transform3s()
         self._request.enable_signed_distance, self._result = True, self._coal.DistanceResult()
-        feet = {leg.foot: i for i, leg in enumerate(self.model.legs)}
-        self._foot = [feet.get(link, -1) for link in self.links]
-        self._in_ground = None if terrain.ground is None else LinksInGround(terrain.ground, points, self._foot)
+        self._foot = feet_of([shape for shape, _ in shapes], self.model.legs, self.model.mounts)
+        self._in_ground = (
+            None if terrain.ground is None else LinksInGround(terrain.ground, points, self._foot, kinematics.radii_m)
+        )
         disabled = self.model.disabled_pairs
         self._pairs = np.array(
             [
@@ -100,12 +102,12 @@ class Bodies:
                 link=self.links[i], other=self._terrain.convex[part].name,
                 depth_m=-self._distance(turns, origins, i, part, terrain=True),
             )
-            for i, part in self._in_terrain(turns, origins, body, 0.0)
+            for i, part in self._in_terrain(turns, origins, 0.0)
         ]  # fmt: skip
         middles = origins + np.einsum("sij,sj->si", turns, self._middles)
         if self._in_ground is not None:
             reach = np.einsum("sij,sj->si", np.abs(turns), self._halves)
-            below = self._in_ground.depths(turns, origins, middles - reach, middles + reach, body.stands)
+            below = self._in_ground.depths(turns, origins, middles - reach, middles + reach, body)
             found += [Overlap(link=self.links[i], other=Ground.name, depth_m=depth) for i, depth in below]
         for surface in self._terrain.closed:
             for i in np.flatnonzero(surface.holds(middles)):
@@ -153,11 +155,12 @@ class Bodies:
 
     def near(self, body: WholeBody, within_m: float) -> Iterator[Near]:
         """What is nearer to each other than this, of the pairs that ``overlaps`` looks at; of the terrain's convex
-        parts alone."""
+        parts alone, and of feet but those that they do not stand on."""
         turns, origins = self._in_world(body)
+        parts = self._in_terrain(turns, origins, within_m)
         for terrain, pairs in (
             (False, self._meeting(turns, origins, self._pairs, within_m)),
-            (True, self._in_terrain(turns, origins, body, within_m)),
+            (True, ((i, part) for i, part in parts if not self._stands_on(i, part, body))),
         ):
             for i, j in pairs:
                 distance = self._distance(turns, origins, i, j, terrain=terrain)
@@ -202,7 +205,7 @@ class Bodies:
         along_b = np.abs(between @ b)[:, 0] - hb - np.einsum("pij,pi->pj", across, ha)
         return np.asarray(np.maximum(along_a.max(axis=1), along_b.max(axis=1)))
 
-    def _in_terrain(self, turns: Array, origins: Array, body: WholeBody, within_m: float) -> Iterator[tuple[int, int]]:
+    def _in_terrain(self, turns: Array, origins: Array, within_m: float) -> Iterator[tuple[int, int]]:
         """Shapes and parts of the terrain that no axis of the shape's box, and no face of the part, keeps farther
         apart than this."""
         middles = origins + np.einsum("sij,sj->si", turns, self._middles)
@@ -214,11 +217,11 @@ class Bodies:
             support = np.vecdot(np.abs(solid.normals @ turns[its]), self._halves[its][:, None])
             gap = (middles[its] @ solid.normals.T - solid.offsets_m - support).max(axis=1)
             for i in its[gap < within_m].tolist():
-                if not self._stands_on(self._foot[i], solid, body):
-                    yield i, part
+                yield i, part
 
-    def _stands_on(self, limb: int, solid: Any, body: WholeBody) -> bool:
-        """Whether the limb's foot stands on a face of the solid."""
+    def _stands_on(self, shape: int, part: int, body: WholeBody) -> bool:
+        """Whether a shape is the foot of a limb that stands on a face of a part of the terrain."""
+        limb, solid = self._foot[shape], self._terrain.convex[part].solid
         if limb < 0 or not body.stands[limb]:
             return False
         toe, along = body.toes_m[limb], solid.normals @ body.normals[limb] > ALIGNED

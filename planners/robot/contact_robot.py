@@ -9,10 +9,12 @@ terrain decides: the inner set is that much smaller, the outer one that much lar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, get_args
 
 import numpy as np
 
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from .leg import Leg
 from .model import Limb, Robot
@@ -22,15 +24,52 @@ from .robot_model import RobotModel
 from .workspace import Workspace
 
 Sets = Literal["inner", "outer"]
+SAME_M = 1e-12
+"""Sets whose numbers differ by no more than this are the same [m]."""
 
 
 def contact_robot(robot: RobotModel, workspaces: Sequence[Workspace], sets: Sets = "inner") -> Robot:
     """The robot with its body's origin at its centre of mass, which is taken to stay where it is as it stands.
 
-    Raises InvalidInput for a leg whose foot is larger than its inner set.
+    Raises InvalidInput for a leg whose foot is larger than its inner set, and where a person has to say first
+    what a leg touches with, or which way is up.
     """
+    robot.check_known()
     limbs = tuple(_limb(*each, robot.body.com_m, sets) for each in zip(robot.legs, workspaces, strict=True))
     return Robot(name=robot.name, mass_kg=robot.body.mass_kg, limbs=limbs, model=robot)
+
+
+def with_sets(robot: Robot, sets: Sets) -> Robot:
+    """The robot with these sets of its model's legs as the reach of its limbs.
+
+    Raises InvalidInput for a robot without a model, and for a leg without a workspace that has an inside.
+    """
+    if robot.model is None:
+        raise InvalidInput(f"robot: expected one with legs of its own, got {robot.name}, which is but its limbs")
+    from .workspace_cache import workspaces_of  # measures where nobody has
+
+    made = contact_robot(robot.model, workspaces_of(robot.model), sets)
+    limbs = tuple(replace(limb, sole_m=own.sole_m) for limb, own in zip(made.limbs, robot.limbs, strict=True))
+    return replace(robot, limbs=limbs)
+
+
+def sets_of(robot: Robot) -> Sets | None:
+    """The sets of its model's legs that a robot's limbs have; None where it has no model, or they have others."""
+    if robot.model is None:
+        return None
+    return next((sets for sets in get_args(Sets) if _same_reach(with_sets(robot, sets), robot)), None)
+
+
+def _same_reach(one: Robot, other: Robot) -> bool:
+    """Whether the toes of both are in the same sets, to the rounding of a file."""
+    numbers = [(_numbers(mine), _numbers(its)) for mine, its in zip(one.limbs, other.limbs, strict=True)]
+    return all(mine.shape == its.shape and np.allclose(mine, its, rtol=0.0, atol=SAME_M) for mine, its in numbers)
+
+
+def _numbers(limb: Limb) -> Array:
+    """The numbers of a limb's sets, in a row."""
+    rows = [] if limb.reach_rows is None else [limb.reach_rows.normals.ravel(), limb.reach_rows.bounds_m]
+    return np.concatenate([limb.shoulder_m, [limb.reach_m], *rows])
 
 
 def _limb(leg: Leg, workspace: Workspace, com_m: Array, sets: Sets) -> Limb:

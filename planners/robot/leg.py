@@ -8,6 +8,7 @@ import numpy as np
 
 from ..files.arrays import Array, read_only
 from .chain import Chain
+from .contacts import Contact
 
 FULL_TURN = 2.0 * np.pi - 1e-6
 
@@ -32,7 +33,9 @@ class Leg:
     """A chain of joints from the base to a foot.
 
     joints: from the base outward; chain: their kinematics, in the same order. foot: the link that touches, a sphere of
-    radius_m [m] about the chain's end, 0 for a point. stance_rad: the posture in which it stands, shape (n,).
+    radius_m [m] about the chain's end, 0 for a point. stance_rad: the posture in which it stands, shape (n,). contact:
+    what a person says that the foot touches with, None where its shapes show it. doubt: why nobody knows; plans of such
+    a leg are refused.
     """
 
     name: str
@@ -41,6 +44,8 @@ class Leg:
     foot: str
     radius_m: float
     stance_rad: Array
+    contact: Contact | None = None
+    doubt: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(

@@ -19,9 +19,11 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.validation import shown
 from .chain import Chain
+from .contacts import Contact, Touch, placed_shapes, touch_of
 from .leg import FULL_TURN, Joint, Leg
+from .plausibility import points_up
 from .shapes import Shape
-from .urdf_reader import base_joint, pinocchio
+from .urdf_reader import base_joint, matching, pinocchio
 
 LOW = 0.6
 """Of the lowest chain's depth below the base: what goes lower is a leg."""
@@ -29,6 +31,10 @@ SAMPLES = 3000
 """Postures by which a chain's depth is measured."""
 FOOT = re.compile("foot|toe|sole|ankle", re.IGNORECASE)
 SENSOR = re.compile("imu|sensor|fsr|camera", re.IGNORECASE)
+ARM = re.compile("arm|grip|hand|finger|wrist|manip|head|neck|tail", re.IGNORECASE)
+LEG = re.compile("leg|hip|thigh|knee|calf|shank|foot|toe|ankle|h[af]e|haa|kfe|coxa|femur|tibia", re.IGNORECASE)
+ALIKE = 0.05
+"""Share of their length by which two chains that are made alike may differ."""
 JOINT_WORD = re.compile("_j(oin)?t?$", re.IGNORECASE)
 NEAR = 0.3
 """A link that is called a foot has to be this share of the farthest link's distance away from its joint."""
@@ -41,34 +47,62 @@ MOST_JOINTS = 24
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """Legs, what of them was guessed, a line each, and what is hard to believe: of which joint or link, and what."""
+    """Legs, what of them was guessed, a line each, and what is hard to believe: of which joint or link, and what.
+
+    indices: for every leg the number of the shape that touches, −1 where that is none. gaps: what a person has to say
+    before anything is planned, a line each.
+    """
 
     legs: tuple[Leg, ...]
     guesses: tuple[str, ...]
     doubts: tuple[tuple[str, str], ...]
+    indices: tuple[int, ...]
+    gaps: tuple[str, ...] = ()
 
 
-def legs_of(model: Any, shapes: Sequence[Shape], order: Sequence[str], feet: Mapping[str, str]) -> Found:
+def legs_of(
+    model: Any,
+    shapes: Sequence[Shape],
+    order: Sequence[str],
+    feet: Mapping[str, str],
+    contacts: Mapping[str, Contact] | None = None,
+) -> Found:
     """The legs of pinocchio's model of a URDF.
 
     order: names of its joints as the file has them, which is the order of the legs. feet: links that are feet, by the
-    name of their leg; empty to look for them. Raises InvalidInput where there are no legs, for two feet on one leg, and
-    for a leg with joints that have more than one angle.
+    name of their leg; empty to look for them. contacts: what feet touch with, by a leg's name, its foot's, or a pattern
+    of either. Raises InvalidInput where there are no legs, for two feet on one leg, for a leg with joints that have
+    more than one angle, and for contacts of no leg.
     """
     tree = _Tree(model, shapes)
-    guesses = list[str]()
+    guesses, gaps = list[str](), list[str]()
     if feet:
         ends = {name: tree.end_at(foot) for name, foot in feet.items()}
         _check_apart(ends)
     else:
-        lowest = tree.lowest_chains()
+        lowest, arms, gaps = tree.lowest_chains()
+        if arms:
+            said = ", ".join(arm.foot for arm in arms)
+            guesses.append(f"no legs though they reach as low, by their shape and names: {said}")
         lowest.sort(key=lambda end: order.index(model.names[end.joints[0]]))
         ends = dict(zip(_names(lowest), lowest, strict=True))
         said = ", ".join(f"{name} ({end.foot})" for name, end in ends.items())
         guesses.append(f"legs and feet, by their shape and names: {said}")
     tree.doubts.clear()  # of chains that are no legs
-    legs = tuple(tree.leg(name, end) for name, end in ends.items())
-    return Found(legs=legs, guesses=tuple(guesses), doubts=tuple(tree.doubts))
+    known = _contacts(ends, contacts or {})
+    found = [tree.leg(name, end, known.get(name)) for name, end in ends.items()]
+    tree.doubts += [(f"link {leg.foot}", leg.doubt) for leg, _ in found if leg.doubt]
+    legs, indices = tuple(leg for leg, _ in found), tuple(index for _, index in found)
+    return Found(legs=legs, guesses=tuple(guesses), doubts=tuple(tree.doubts), indices=indices, gaps=tuple(gaps))
+
+
+def _contacts(ends: Mapping[str, _End], contacts: Mapping[str, Contact]) -> dict[str, Contact]:
+    """What a person says of each leg, by its name; later patterns win. Raises InvalidInput for one that fits no leg."""
+    owners = {**{end.foot: name for name, end in ends.items()}, **{name: name for name in ends}}
+    found = dict[str, Contact]()
+    for pattern, contact in contacts.items():
+        found |= {owners[name]: contact for name in matching(pattern, owners, "contacts")}
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,8 +131,9 @@ class _Tree:
         base = data.oMi[self._base]
         self._in_base = [base.actInv(data.oMi[j]) for j in range(model.njoints)]
 
-    def lowest_chains(self) -> list[_End]:
-        """Those that are legs. Raises InvalidInput where there are none."""
+    def lowest_chains(self) -> tuple[list[_End], list[_End], list[str]]:
+        """Those that are legs, those that reach as low and are arms, and what of this a person has to settle. Raises
+        InvalidInput where there are none."""
         parents = list(self._model.parents)
         leaves = [j for j in range(self._base + 1, len(parents)) if j not in parents]
         ends = [self._end(self._support(leaf)) for leaf in leaves if self._base in self._model.supports[leaf]]
@@ -120,7 +155,48 @@ class _Tree:
                 f"legs: expected one foot a leg, joint {shown(best.names[0])} carries {best.foot} and "
                 f"{other.foot if other else '?'}"
             )
-        return alone
+        arms = self._arms(alone)
+        legs = [end for end in alone if end not in arms]
+        return legs, arms, self._lying([end for end in ends if end not in arms], legs)
+
+    def _arms(self, legs: Sequence[_End]) -> list[_End]:
+        """Chains that are called arms, and one in the middle that is made otherwise than all the others."""
+        named = [end for end in legs if self._called(end, ARM) and not self._called(end, LEG)]
+        left = [end for end in legs if end not in named]
+        if len(left) < 2:
+            return []
+        for end in left:
+            others = [other for other in left if other is not end]
+            aside = abs(float(self._in_base[end.joints[0]].translation[1]))
+            if len(others) > 1 and aside < ALIKE * self._length(end) and not any(self._alike(end, o) for o in others):
+                return [*named, end]
+        return named
+
+    def _lying(self, ends: Sequence[_End], legs: Sequence[_End]) -> list[str]:
+        """Whether z seems not to point up: chains made as the legs are that do not go down, or legs that go up."""
+        twins = [end for end in ends if end not in legs and any(self._alike(end, leg) for leg in legs)]
+        firsts = {end.joints[0] for end in legs}
+        twins = [end for end in twins if end.joints[0] not in firsts]
+        base = next((frame.name for frame in self._bodies if frame.parentJoint == self._base), "?")
+        said = "say root_rpy_rad, or which feet there are, in a YAML file"
+        if twins:
+            feet = ", ".join(end.foot for end in twins)
+            return [
+                f"link {base}: its z does not point up: {feet} are ends of chains like the legs' that do not go down: "
+                f"{said}"
+            ]
+        if legs and all(points_up(self.leg("", end)[0]) for end in legs):
+            return [f"link {base}: its z does not point up: the legs do: {said}"]
+        return []
+
+    def _called(self, end: _End, word: re.Pattern[str]) -> bool:
+        """Whether a name of a chain's joints, or of its last link, has a word in it."""
+        return any(word.search(name) for name in (*end.names, end.foot))
+
+    def _alike(self, one: _End, other: _End) -> bool:
+        """Whether two chains have as many joints and are as long."""
+        a, b = self._length(one), self._length(other)
+        return len(one.joints) == len(other.joints) and abs(a - b) <= ALIKE * max(a, b)
 
     def end_at(self, foot: str) -> _End:
         """The chain that ends in a link. Raises InvalidInput where there is no such link, or no joint before it."""
@@ -136,19 +212,25 @@ class _Tree:
             names=tuple(self._model.names[j] for j in joints),
         )  # fmt: skip
 
-    def leg(self, name: str, end: _End) -> Leg:
-        """The leg of a chain's end; its stance is the middle of its limits. Raises InvalidInput for joints of more
-        than one angle."""
+    def leg(self, name: str, end: _End, contact: Contact | None = None) -> tuple[Leg, int]:
+        """The leg of a chain's end, its stance the middle of its limits; and the number of the shape that touches.
+
+        contact: what a person says that it touches with. Raises InvalidInput for joints of more than one angle.
+        """
         if not self._simple(end):
             wrong = next(j for j in end.joints if self._model.joints[j].nv != 1)
             raise InvalidInput(f"joint {shown(self._model.names[wrong])}: expected one angle, it has more")
         if len(end.joints) > MOST_JOINTS:
             raise InvalidInput(f"leg {shown(name)}: expected {MOST_JOINTS} joints or fewer, got {len(end.joints)}")
-        tip, radius = self._contact(end)
-        chain = self._chain(end, tip)
+        touch = self._touch(end, contact)
+        chain = self._chain(end, touch.centre_m)
         joints = tuple(self._joint(j) for j in end.joints)
         middle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in joints])
-        return Leg(name=name, joints=joints, chain=chain, foot=end.foot, radius_m=radius, stance_rad=middle)
+        leg = Leg(
+            name=name, joints=joints, chain=chain, foot=touch.link, radius_m=touch.radius_m, stance_rad=middle,
+            contact=contact, doubt=touch.doubt,
+        )  # fmt: skip
+        return leg, touch.index
 
     def _support(self, joint: int) -> tuple[int, ...]:
         return tuple(j for j in self._model.supports[joint] if j > self._base)
@@ -175,7 +257,7 @@ class _Tree:
 
     def _depth(self, end: _End) -> float:
         """How low the chain's end goes, from the base's origin or from its lowest hip, whichever is higher [m]."""
-        leg = self.leg("", end)
+        leg, _ = self.leg("", end)
         feet = leg.chain.feet(leg.random_angles(SAMPLES, np.random.default_rng(0)))
         return float(feet[:, 2].min()) - max(0.0, min(float(self._in_base[j].translation[2]) for j in self._firsts()))
 
@@ -234,21 +316,26 @@ class _Tree:
             torque_nm=torque if np.isfinite(torque) else 0.0, velocity_rad_s=velocity if np.isfinite(velocity) else 0.0,
         )  # fmt: skip
 
-    def _contact(self, end: _End) -> tuple[Array, float]:
-        """The foot's centre in the last joint's frame, shape (3,) [m], and its radius [m]."""
-        frame = next(frame for frame in self._bodies if frame.name == end.foot)
-        own = [shape for shape in self._shapes if shape.collides and shape.link == end.foot]
-        turn, place = frame.placement.rotation, frame.placement.translation
-        balls = [shape for shape in own if shape.kind == "sphere"]
-        if balls:
-            return np.asarray(place + turn @ balls[0].origin_m), float(balls[0].size_m[0])
+    def _touch(self, end: _End, contact: Contact | None) -> Touch:
+        """What the leg touches with, in the last joint's frame."""
+        body = [frame for frame in self._bodies if frame.parentJoint == end.joints[-1]]
+        places = {
+            frame.name: (np.array(frame.placement.rotation), np.array(frame.placement.translation)) for frame in body
+        }
+        turn, place = places[end.foot]
+        if contact is not None:
+            centre = place + turn @ contact.point_m
+            return Touch(link=end.foot, centre_m=centre, radius_m=contact.radius_m, index=-1)
+        touch = touch_of(placed_shapes(self._shapes, places))
+        if touch is not None and not touch.doubt:
+            return touch
+        doubt, link = ("", end.foot) if touch is None else (touch.doubt, touch.link)
         if np.linalg.norm(end.tip_m) > SHORTEST_M:
-            return np.array(place), 0.0
-        ends = [place + turn @ shape.far_m for shape in own]
-        ends = ends or [2.0 * self._model.inertias[end.joints[-1]].lever]
-        tip = max(ends, key=lambda point: float(np.linalg.norm(point)))
-        self.doubts.append((f"link {end.foot}", "has no link for its foot, its farthest end is taken for it"))
-        return np.asarray(tip), 0.0
+            return Touch(link=end.foot, centre_m=place, radius_m=0.0, index=-1, doubt=doubt)
+        tip = 2.0 * self._model.inertias[end.joints[-1]].lever if touch is None else touch.centre_m
+        if not doubt:
+            self.doubts.append((f"link {link}", "has no link for its foot, its farthest end is taken for it"))
+        return Touch(link=link, centre_m=np.asarray(tip), radius_m=0.0, index=-1, doubt=doubt)
 
 
 def _check_apart(ends: Mapping[str, _End]) -> None:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from .leg_ik import limb_posture
-from .model import Limb, Robot
+from .model import Limb, Robot, hexapod
 from .robot_model import GRAVITY_M_S2, RobotModel, model_of
 from .urdf import FOOT_RADIUS_M, JOINTS, LINKS, Servo, hexapod_urdf
+
+if TYPE_CHECKING:
+    from .single_body import GaitRobot
 
 ROTOR_S2 = 2e-4
 """A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in units of what holds the
@@ -71,3 +76,19 @@ def foot_radii(robot: Robot) -> Array:
     if robot.model is not None:
         return np.array([leg.radius_m for leg in robot.model.legs])
     return np.full(len(robot.limbs), FOOT_RADIUS_M)
+
+
+def walking_robot(robot: GaitRobot) -> Robot:
+    """The robot with limbs and joints of a walk's robot. Raises InvalidInput where its joints are not known.
+
+    The robot of a walk is a body with boxes of reach, which may have the model of its legs; of the robots that come
+    with the package the hexapod has joints, too.
+    """
+    if (model := robot.model) is not None:
+        return robot_of(model)
+    known = hexapod()
+    shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
+    same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
+    if not same or not all(np.allclose(foot.hip_m, shoulders[foot.name]) for foot in robot.feet):
+        raise InvalidInput(f"the joints of {robot.name}, {robot.mass_kg:g} kg on {len(robot.feet)} feet, are not known")
+    return known

@@ -1,19 +1,23 @@
 """A robot's own model inside other files: the corrected URDF's text, and what makes legs of it.
 
-Nothing but this text is needed to have the robot again: it goes through ``model_of`` as the file did, and where
-meshes are is kept for pictures alone.
+Nothing but this is needed to have the robot again: the text goes through ``model_of`` as the file did, and hulls stand
+for its meshes, which nobody looks for. Older files have no hulls but folders, which are not looked into: what they say
+of the robot is read, and its meshes are bodies of unknown shape.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
+from .contacts import Contact
+from .hulls import hulls_of_text, hulls_to_text
 from .urdf_reader import Number
 
 if TYPE_CHECKING:
@@ -29,23 +33,36 @@ class _Keys(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
 
+class ContactJson(_Keys):
+    """A ``Contact``."""
+
+    point_m: Annotated[list[Number], Field(min_length=3, max_length=3)]
+    radius_m: Annotated[float, Field(ge=0.0, le=1e3)]
+
+
 class LegJson(_Keys):
-    """One leg: the link that is its foot, and the angles in which it stands, joint by joint."""
+    """One leg: the link that is its foot, the angles in which it stands, joint by joint, and, where a person says it,
+    what it touches with."""
 
     name: Word
     foot: Word
     stance_rad: Annotated[dict[Word, Number], Field(min_length=1, max_length=MOST_JOINTS)]
+    contact: ContactJson | None = None
 
 
 class ModelJson(_Keys):
-    """A ``RobotModel``: its URDF, legs, pairs of links that may touch, folders where its meshes are, its digest."""
+    """A ``RobotModel``: its URDF, legs, pairs of links that may touch, hulls of its meshes, its digest.
+
+    mesh_folders: of older files, which have no hulls; not looked into.
+    """
 
     urdf: Annotated[str, Field(max_length=MOST_LETTERS)]
     legs: Annotated[list[LegJson], Field(min_length=1, max_length=MOST_LEGS)]
     disabled_pairs: Annotated[
         list[Annotated[list[Word], Field(min_length=1, max_length=2)]], Field(max_length=MOST_PAIRS)
     ]
-    mesh_folders: Annotated[list[Word], Field(max_length=MOST_FOLDERS)]
+    hulls: str | None = None
+    mesh_folders: Annotated[list[Word], Field(max_length=MOST_FOLDERS)] | None = None
     digest: str
 
 
@@ -61,18 +78,20 @@ def model_to_json(model: RobotModel) -> dict[str, Any]:
             {
                 "name": leg.name, "foot": leg.foot,
                 "stance_rad": dict(zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)),
+                **({} if leg.contact is None else {
+                    "contact": {"point_m": leg.contact.point_m.tolist(), "radius_m": leg.contact.radius_m},
+                }),
             }
             for leg in model.legs
         ],
         "disabled_pairs": sorted(sorted(pair) for pair in model.disabled_pairs),
-        "mesh_folders": [str(folder) for folder in model.mesh_folders],
+        "hulls": hulls_to_text(model.shapes),
         "digest": model.digest,
     }  # fmt: skip
 
 
-def without_folders(robot: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON-ready values of a robot with, of its model, what makes it this robot on every machine: legs and links that
-    may touch, not where its meshes are."""
+def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON-ready values of a robot with, of its model, what makes it this robot: digest, and links that may touch."""
     model = robot.get("model")
     own = {} if model is None else {"model": {name: model[name] for name in ("digest", "disabled_pairs")}}
     return {**robot, **own}
@@ -85,14 +104,17 @@ def model_from_json(raw: ModelJson, name: str) -> RobotModel:
     """
     from .robot_model import model_of  # what a file without a model does without
 
-    folders = [Path(folder) for folder in raw.mesh_folders]
     feet = {leg.name: leg.foot for leg in raw.legs}
     stances = {joint: angle for leg in raw.legs for joint, angle in leg.stance_rad.items()}
     if len(feet) != len(raw.legs):
         raise InvalidInput(f"model: legs: expected different names, got {', '.join(leg.name for leg in raw.legs)}")
     found = model_of(
-        raw.urdf, where="model: urdf", folder=folders[0] if folders else Path(), packages=folders[1:], feet=feet,
+        raw.urdf, where="model: urdf", folder=None, hulls=hulls_of_text(raw.hulls or ""), feet=feet,
         posture_rad=stances, name=name,
+        contacts={
+            leg.name: Contact(point_m=np.array(leg.contact.point_m), radius_m=leg.contact.radius_m)
+            for leg in raw.legs if leg.contact is not None
+        },
     )  # fmt: skip
     for leg, said in zip(found.legs, raw.legs, strict=True):
         if leg.joint_names != tuple(said.stance_rad):
@@ -100,6 +122,16 @@ def model_from_json(raw: ModelJson, name: str) -> RobotModel:
                 f"model: leg {leg.name}: expected the joints {', '.join(leg.joint_names)}, "
                 f"got {', '.join(said.stance_rad)}"
             )
-    if found.digest != raw.digest:
+    own = found.digest if raw.hulls is not None else _older_digest(raw)
+    elsewhere = any(leg.foot != said.foot for leg, said in zip(found.legs, raw.legs, strict=True))
+    if own != raw.digest or (elsewhere and raw.hulls is not None):
         raise InvalidInput("model: digest mismatch: the URDF or its legs are not those that were written")
-    return replace(found, disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)), mesh_folders=tuple(folders))
+    return replace(found, disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)))
+
+
+def _older_digest(raw: ModelJson) -> str:
+    """The digest that files without hulls have: of the text and the legs as they say them."""
+    from .robot_model import urdf_digest_text
+
+    legs = [(leg.name, leg.foot, list(leg.stance_rad.values())) for leg in raw.legs]
+    return hashlib.sha256(urdf_digest_text(raw.urdf, legs).encode()).hexdigest()

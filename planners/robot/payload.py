@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 from ..errors import InvalidInput
@@ -33,16 +32,16 @@ def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
     if wanted <= others:
         raise InvalidInput(f"mass_kg: expected more than the {others:.3g} kg of all but the body, got {wanted:g}")
     heaviest.set("value", repr(wanted - others))
-    folders = model.mesh_folders
     again = model_of(
-        ElementTree.tostring(root, encoding="unicode"), where=model.name, folder=folders[0] if folders else Path(),
-        packages=folders[1:], feet={leg.name: leg.foot for leg in model.legs}, name=model.name,
+        ElementTree.tostring(root, encoding="unicode"), where=model.name, folder=None, hulls={},
+        feet={leg.name: leg.foot for leg in model.legs}, name=model.name,
+        contacts={leg.name: leg.contact for leg in model.legs if leg.contact is not None},
         posture_rad={
             joint: angle for leg in model.legs
             for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
         },
     )  # fmt: skip
-    return replace(again, disabled_pairs=model.disabled_pairs, mesh_folders=folders)
+    return replace(again, legs=model.legs, shapes=model.shapes, disabled_pairs=model.disabled_pairs)
 
 
 def _rides(model: RobotModel, link: str) -> bool:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..answer.plan import Plan
+from ..errors import check_time
 from ..files.arrays import Array
 from ..terrain.prism import Solid
 from .kinematics import JointAnswer, Kinematics
@@ -13,18 +16,22 @@ JUMP_RAD = 0.5
 """A limb that stands, and one of whose joints would turn so far between two key frames, jumps to another posture."""
 
 
-def plan_angles(plan: Plan, kinematics: Kinematics | None = None, start_rad: Array | None = None) -> list[JointAnswer]:
-    """Angles of every key frame, rotations taken exactly. Raises InvalidInput without pinocchio.
+def plan_angles(
+    plan: Plan, kinematics: Kinematics | None = None, start_rad: Array | None = None, *, deadline: float = math.inf
+) -> list[JointAnswer]:
+    """Angles of every key frame, rotations taken exactly.
 
     start_rad: of a robot that stands already, shape (J,): no joint leaves them at the first key frame but to put feet
     where the plan has them, and no limb jumps to another posture before it lifts; None: comfortable ones. Where a foot
     is out of reach, those that bring it nearest. The torques are those of the mean force of the frame's stances.
+    Raises InvalidInput without pinocchio, and TimeEnded after the deadline (``time.perf_counter()``).
     """
     course = plan.course
     solver = kinematics or Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     solids = [Solid.behind(patch) for patch in course.terrain]
     found = list[JointAnswer]()
     for k in range(course.frames):
+        check_time(deadline)
         stands = course.holds[k] == course.holds[0] if start_rad is not None else False
         answer = solver.solve(
             plan.com_m[k], plan.rotation_rad[k], plan.toes_at(k), normals=normals_at(plan, k),

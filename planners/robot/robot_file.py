@@ -1,10 +1,10 @@
-"""A robot by what a person calls it: a built-in name, a URDF, or a YAML file that names one and corrects it."""
+"""A robot by what a person calls it: a name, a URDF, or a YAML file that names a URDF and corrects it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -12,6 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
 from ..files.validation import shown, validated
+from .catalogue import catalogue, provided
+from .contacts import Contact
 from .legged import legged_model
 from .model import hexapod
 from .robot_model import RobotModel, model_of
@@ -21,13 +23,27 @@ BUILT_IN = ("hexapod",)
 YAML = (".yaml", ".yml")
 
 
-class RobotKeys(BaseModel):
-    """The keys of a robot's YAML file; paths are from its folder.
+class ContactKeys(BaseModel):
+    """What a foot touches with, in its link's frame: a point, or a ball about it."""
 
-    urdf: the robot. srdf: pairs of links that may touch, and a posture to stand in. packages: folders where
-    ``package://`` names lead. name: in place of the URDF's. feet: the links that are feet, by the names that their legs
-    shall have, or a list. joints: corrections by name or pattern. posture_rad: to stand in, by name or pattern.
-    root_rpy_rad: how the URDF's root lies in a frame whose z points up, where its own does not.
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    point_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    radius_m: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+
+    def contact(self) -> Contact:
+        """The same as the planners have it."""
+        return Contact(point_m=np.array(self.point_m), radius_m=self.radius_m)
+
+
+class RobotKeys(BaseModel):
+    """The keys of a robot's YAML file; paths are from its folder, or from the provider's folder of robots.
+
+    provider: an installed package that has the URDF, example-robot-data or pybullet. urdf: the robot. srdf: pairs
+    of links that may touch, and a posture to stand in. packages: folders where ``package://`` names lead. name: in
+    place of the URDF's. feet: the links that are feet, by the names that their legs shall have, or a list. contacts:
+    what a foot touches with where it is no ball: point_m in its link, and radius_m of a ball about that, by foot, leg
+    or pattern. joints: corrections by name or pattern. posture_rad: to stand in, by name or pattern. root_rpy_rad: how
+    the URDF's root lies in a frame whose z points up, where its own does not.
 
     For walks: trunk_half_m, half sides of the trunk's box in place of its shapes'; ceiling_m, how high above the centre
     of mass a foot may be; inner_m, how far a foot stays from the planes half way to the others [m].
@@ -38,11 +54,13 @@ class RobotKeys(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    provider: Literal["", "example-robot-data", "pybullet"] = ""
     urdf: str
     srdf: str = ""
     packages: list[str] = []
     name: str = ""
     feet: Annotated[dict[str, str] | list[str], Field(union_mode="left_to_right")] = {}
+    contacts: dict[str, ContactKeys] = {}
     joints: dict[str, JointCorrection] = {}
     posture_rad: Annotated[dict[str, Number] | list[Number], Field(union_mode="left_to_right")] = {}
     root_rpy_rad: tuple[Number, Number, Number] | None = None
@@ -56,11 +74,12 @@ class RobotKeys(BaseModel):
 
 
 def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotModel:
-    """The robot of a built-in name, a ``.urdf`` file, or a ``.yaml`` file that names one.
+    """The robot of a name, a ``.urdf`` file, or a ``.yaml`` file that names one.
 
-    srdf: in place of the one that a YAML file names. Raises InvalidInput, in one line, for anything else.
+    name: hexapod, one of ``catalogue``, or a path. srdf: in place of the one that a YAML file names. Raises
+    InvalidInput, in one line, for anything else.
     """
-    path = Path(name)
+    path = robot_path(name)
     if path.suffix in YAML:
         return model_of_keys(read_keys(path), path, srdf)
     if path.suffix == ".urdf":
@@ -69,8 +88,19 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
         )
     if str(name) in BUILT_IN:
         return hexapod_model()
-    raise InvalidInput(
-        f"robot: expected {' or '.join(BUILT_IN)}, a .urdf file, or a .yaml file that names one, got {shown(str(name))}"
+    raise unknown(name, BUILT_IN)
+
+
+def robot_path(name: str | Path) -> Path:
+    """The file of a robot with a name; any other name as a path."""
+    return catalogue().get(str(name), Path(name))
+
+
+def unknown(name: str | Path, built_in: Sequence[str]) -> InvalidInput:
+    """The error for a name that no robot has; built_in: names that need no file."""
+    names = ", ".join((*built_in, *(each for each in catalogue() if each not in built_in)))
+    return InvalidInput(
+        f"robot: expected {names}, a .urdf file, or a .yaml file that names one, got {shown(str(name))}"
     )
 
 
@@ -86,16 +116,18 @@ def read_keys(path: Path) -> RobotKeys:
 
 def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -> RobotModel:
     """The robot that the keys of the file at ``path`` say. Raises InvalidInput."""
-    urdf = path.parent / keys.urdf
-    semantics = Path(srdf) if srdf is not None else path.parent / keys.srdf if keys.srdf else None
+    folder = provided(keys.provider, keys.name or path.stem) if keys.provider else path.parent
+    urdf = folder / keys.urdf
+    semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
     try:
         text, stands = read_text(urdf), "" if semantics is None else read_text(semantics)
 
         def model(keys: RobotKeys) -> RobotModel:
             return model_of(
                 text, where=str(urdf), folder=urdf.parent.resolve(),
-                packages=[(path.parent / each).resolve() for each in keys.packages],
-                srdf=stands, feet=keys.feet, joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
+                packages=[(folder / each).resolve() for each in keys.packages],
+                srdf=stands, feet=keys.feet, contacts={name: each.contact() for name, each in keys.contacts.items()},
+                joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
                 posture_rad=keys.posture_rad if isinstance(keys.posture_rad, dict) else None,
             )  # fmt: skip
 

@@ -18,18 +18,31 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown
+from .contacts import Contact, check_contacts, with_balls
+from .hulls import with_hulls, with_known_hulls
 from .leg import Leg
 from .leg_search import legs_of
-from .round_feet import round_feet
+from .plausibility import body_doubts, foot_doubts, leg_doubts, wrong_links
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
-from .urdf_reader import JointCorrection, at_rest, built, corrected, matching, parsed, pinocchio, turned
+from .urdf_reader import (
+    JointCorrection,
+    at_rest,
+    built,
+    corrected,
+    matching,
+    parsed,
+    pinocchio,
+    turned,
+    without_root_joint,
+)
 
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is there."""
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 GRAVITY_M_S2 = 9.81
+SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
 IDENTITY_DIGITS = 12
 """Of a digest in a name."""
 
@@ -68,8 +81,8 @@ class RobotModel:
     """A legged robot.
 
     urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every link by name.
-    disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe. mesh_folders:
-    the URDF's and those of packages, where pictures find its meshes; none where they are not known.
+    disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe. gaps: what a
+    person has to say of it in a YAML file before anything is planned, a line each.
     """
 
     name: str
@@ -80,7 +93,7 @@ class RobotModel:
     mounts: Mapping[str, Mount]
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     remarks: tuple[Remark, ...] = ()
-    mesh_folders: tuple[Path, ...] = ()
+    gaps: tuple[str, ...] = ()
 
     @property
     def leg_names(self) -> tuple[str, ...]:
@@ -94,9 +107,16 @@ class RobotModel:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the corrected URDF, the legs and their feet."""
-        said = "\0".join([self.urdf, *(f"{leg.name}\0{leg.foot}\0{leg.stance_rad.tolist()}" for leg in self.legs)])
-        return hashlib.sha256(said.encode()).hexdigest()
+        """SHA-256 of the corrected URDF, the legs and their feet, and the hulls of the meshes that it names."""
+        legs = [(leg.name, leg.foot, leg.stance_rad.tolist()) for leg in self.legs]
+        content = hashlib.sha256(urdf_digest_text(self.urdf, legs).encode())
+        for leg in self.legs:
+            if leg.contact is not None:
+                content.update(f"\0contact\0{leg.contact.point_m.tolist()}\0{leg.contact.radius_m}".encode())
+        for i, shape in enumerate(self.shapes):
+            if shape.corners_m is not None:
+                content.update(f"\0hull\0{i}\0".encode() + np.ascontiguousarray(shape.corners_m).tobytes())
+        return content.hexdigest()
 
     @property
     def identity(self) -> str:
@@ -108,6 +128,21 @@ class RobotModel:
         """Of the centre of mass over the ground under its feet, as it stands [m]."""
         grounds = [float(leg.nominal_m[2]) - leg.radius_m for leg in self.legs]
         return float(self.body.com_m[2]) - float(np.mean(grounds))
+
+    @property
+    def unrunnable(self) -> tuple[str, ...]:
+        """Why plans and walks of the robot cannot be run as its file is, a line each: joints that slide, and passive
+        ones, which only a file of actuators gives something to hold with."""
+        idle = [(joint.name, IDLE) for leg in self.legs for joint in leg.joints
+                if not joint.slides and (joint.torque_nm <= 0.0 or joint.velocity_rad_s <= 0.0)]  # fmt: skip
+        return self.lines_of([*_sliding(self.legs), *idle])
+
+    def check_known(self) -> None:
+        """Raise InvalidInput, in one line, where a person has to say something of the robot before it is planned for:
+        what a leg touches with, or which way is up."""
+        if self.gaps:
+            raise InvalidInput(f"robot {self.name}: {self.gaps[0]}")
+        check_contacts(self.legs, self.name)
 
     def leg(self, name: str) -> Leg:
         """The leg of a name. Raises InvalidInput for one that is not there."""
@@ -141,14 +176,24 @@ class RobotModel:
         return frames
 
 
+def urdf_digest_text(urdf: str, legs: Sequence[tuple[str, str, list[float]]]) -> str:
+    """The text whose SHA-256 was a robot's digest before hulls were part of it, and is where there are none.
+
+    legs: name, foot and posture of each.
+    """
+    return "\0".join([urdf, *(f"{name}\0{foot}\0{stance}" for name, foot, stance in legs)])
+
+
 def model_of(
     text: str,
     *,
     where: str = "urdf",
-    folder: Path = Path(),
+    folder: Path | None = Path(),
     packages: Sequence[Path] = (),
+    hulls: Mapping[int, Array] | None = None,
     srdf: str = "",
     feet: Mapping[str, str] | Sequence[str] = (),
+    contacts: Mapping[str, Contact] | None = None,
     joints: Mapping[str, JointCorrection] | None = None,
     posture_rad: Mapping[str, float] | None = None,
     name: str = "",
@@ -156,43 +201,56 @@ def model_of(
 ) -> RobotModel:
     """The robot of a URDF's text.
 
-    where: what messages call the file. folder, packages: where meshes are. srdf: text of an SRDF, for pairs of links
+    where: what messages call the file. folder, packages: where meshes are; folder None where none is to be looked for.
+    hulls: of meshes by the number of their shape, in place of their files. srdf: text of an SRDF, for pairs of links
     that may touch and a posture to stand in. feet: links, by the names of their legs or alone; searched for where none
-    is given. joints: corrections, by name or pattern. posture_rad: of the standing robot, by joint or pattern.
+    is given. contacts: what feet touch with, by leg, foot or pattern, where that is not a ball at the leg's end.
+    joints: corrections, by name or pattern. posture_rad: of the standing robot, by joint or pattern.
     name: in place of the URDF's. root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
     Raises InvalidInput, in one line, for a file that is no URDF of a robot with legs and masses.
     """
-    text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
+    text = without_root_joint(corrected(text.strip("\0 \t\r\n"), joints or {}, where), where)
     if len(root_rpy_rad):
         text = turned(text, root_rpy_rad, where)
     root = parsed(text, where)
     model = built(text, where)
     try:
         shapes, missing = shapes_of(root, folder, packages)
+        shapes = with_hulls(shapes) if hulls is None else with_known_hulls(shapes, hulls)
         order = [joint.get("name", "") for joint in root.findall("joint")]
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
-        found = legs_of(model, shapes, order, named)
-        rounded, balls = round_feet(root, found.legs, shapes)
+        found = legs_of(model, shapes, order, named, contacts)
+        guesses = list(found.guesses)
+        standing_in = _mounts(model, found.legs, at_rest(model))
+        rounded, balls = with_balls(root, found.legs, shapes, standing_in, found.indices)
         if balls:
-            kept: dict[str, Any] = {"where": where, "folder": folder, "packages": packages, "srdf": srdf, "name": name}
-            again = model_of(rounded, feet=feet, posture_rad=posture_rad, **kept)
-            return replace(again, remarks=(Remark(kind="guess", text=f"balls for {', '.join(balls)}"), *again.remarks))
+            text, read = rounded, {_of_mesh(shape): shape.corners_m for shape in shapes}
+            again = shapes_of(parsed(text, where), folder, packages)[0]
+            shapes = tuple(replace(shape, corners_m=read.get(_of_mesh(shape))) for shape in again)
+            guesses.insert(0, f"balls for {', '.join(balls)}")
         _check_mimics(root, found.legs)
         semantics = parsed(srdf, "srdf") if srdf else None
-        legs, guesses = _stand(found.legs, posture_rad, semantics)
-        body, rest = _weighed(model, legs)
+        legs, more = _stand(found.legs, posture_rad, semantics)
+        body, rest = _weighed(model, legs, root)
         called = checked_name(name or model.name, "name")
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
-    doubts = [*found.doubts, *_torque_doubts(legs, body)]
+    doubts = [*found.doubts, *_torque_doubts(legs, body), *leg_doubts(legs)]
     doubts += [(f"mesh {each}", _not_there(each)) for each in missing]
+    doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
+    mounts = _mounts(model, legs, rest)
+    doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
     return RobotModel(
-        name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=_mounts(model, legs, rest),
+        name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=mounts, gaps=found.gaps,
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
-        remarks=(*(Remark(kind="guess", text=each) for each in (*found.guesses, *guesses)),
-                 *(Remark(kind="doubt", text=each) for each in _joined(doubts))),
-        mesh_folders=() if folder == Path() and not packages else (folder, *packages),
+        remarks=(*(Remark(kind="guess", text=each) for each in (*guesses, *more)),
+                 *(Remark(kind="doubt", text=each) for each in (*found.gaps, *_joined(doubts)))),
     )  # fmt: skip
+
+
+def _of_mesh(shape: Shape) -> tuple[str, str, bytes]:
+    """A key of a mesh's hull: its link, its file, and how it is scaled and placed."""
+    return shape.link, str(shape.mesh), shape.size_m.tobytes() + shape.origin_m.tobytes() + shape.rotation.tobytes()
 
 
 def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:
@@ -241,7 +299,7 @@ def _angle(text: str, where: str) -> float:
         raise InvalidInput(f"{where}: expected a number, got {shown(text)}") from None
 
 
-def _weighed(model: Any, legs: Sequence[Leg]) -> tuple[Body, Array]:
+def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[Body, Array]:
     """Mass, centre and inertia in the standing posture; and that posture as pinocchio has it, base at the origin."""
     pin = pinocchio()
     data, rest = model.createData(), at_rest(model)
@@ -253,7 +311,8 @@ def _weighed(model: Any, legs: Sequence[Leg]) -> tuple[Body, Array]:
     mass, inertia, com = float(data.Ig.mass), np.array(data.Ig.inertia), np.array(data.com[0])
     sound = bool(np.isfinite([mass, *com, *inertia.ravel()]).all())
     if not sound or not mass > 0.0 or not np.linalg.eigvalsh(inertia)[0] > 0.0:
-        raise InvalidInput(f"expected links with mass and inertia, got {mass:g} kg in all")
+        wrong = wrong_links(root)
+        raise InvalidInput(f"expected links with mass and inertia, got {mass:g} kg in all{wrong and ': '}{wrong:.300}")
     return Body(mass_kg=mass, com_m=com, inertia_kgm2=0.5 * (inertia + inertia.T)), rest
 
 
@@ -292,6 +351,11 @@ def _joined(doubts: Sequence[tuple[str, str]]) -> list[str]:
         plural = "es" if kind == "mesh" else "s"
         lines.append(f"{kind}{plural if len(names) > 1 else ''} {', '.join(names)}: {text}")
     return lines
+
+
+def _sliding(legs: Sequence[Leg]) -> list[tuple[str, str]]:
+    """Joints that slide, by name, and what that means."""
+    return [(joint.name, SLIDES) for leg in legs for joint in leg.joints if joint.slides]
 
 
 def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:

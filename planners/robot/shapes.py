@@ -28,7 +28,8 @@ class Shape:
 
     size_m: radius; or sides; or radius and length along z, shape (1,), (3,), (2,) [m]; of a mesh its scale, shape (3,).
     rotation, origin_m: of the shape in the link, shapes (3, 3), (3,) [m]. mesh: its file, or None where none was found.
-    collides: is it the link's body, or only what it looks like?
+    collides: is it the link's body, or only what it looks like? corners_m: of a mesh that is a link's body the corners
+    of its convex hull, at its scale, in the shape's own frame, shape (K, 3) [m]; None where they are not known.
     """
 
     link: str
@@ -38,6 +39,12 @@ class Shape:
     origin_m: Array
     collides: bool
     mesh: Path | None = None
+    corners_m: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.corners_m is not None:
+            corners = read_only(self.corners_m, (None, 3), f"link {shown(self.link)}: hull")
+            object.__setattr__(self, "corners_m", corners)
 
     @property
     def far_m(self) -> Array:
@@ -50,22 +57,29 @@ class Shape:
         return np.asarray(self.origin_m + ends[:, longest] * (out[longest] or 1.0))
 
 
-def shapes_of(root: Element, folder: Path, packages: Sequence[Path]) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+def shapes_of(
+    root: Element, folder: Path | None, packages: Sequence[Path]
+) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """All shapes of a URDF, and the names of the meshes that are not there.
 
-    folder: of the URDF; packages: folders in which ``package://NAME`` is a folder, or which are that package.
-    Raises InvalidInput for sizes that no shape has.
+    folder: of the URDF, None where no mesh is to be looked for; packages: folders in which ``package://NAME`` is a
+    folder, or which are that package. Raises InvalidInput for sizes that no shape has.
     """
     names = dict.fromkeys(mesh.get("filename", "") for mesh in root.findall("link/*/geometry/mesh"))
-    files = {name: mesh_file(name, folder, packages) for name in names}
-    elements = (
+    files = {name: None if folder is None else mesh_file(name, folder, packages) for name in names}
+    shapes = tuple(_shape(*each, files) for each in shape_elements(root))
+    return shapes, () if folder is None else tuple(name for name in files if files[name] is None)
+
+
+def shape_elements(root: Element) -> list[tuple[str, Element, bool]]:
+    """Link, element and whether it collides, of every shape of a URDF in their order."""
+    return [
         (link.get("name", ""), element, what == "collision")
         for link in root.findall("link")
         for what in ("collision", "visual")
         for element in link.findall(what)
-    )
-    shapes = (_shape(*each, files) for each in elements)
-    return tuple(shape for shape in shapes if shape is not None), tuple(name for name in files if files[name] is None)
+        if (body := element.find("geometry/*")) is not None and body.tag in (*SIZES, "mesh")
+    ]
 
 
 def mesh_file(name: str, folder: Path, packages: Sequence[Path] = ()) -> Path | None:
@@ -113,11 +127,9 @@ def disabled_pairs(root: Element) -> frozenset[frozenset[str]]:
     return frozenset(pairs)
 
 
-def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Path | None]) -> Shape | None:
-    geometry = element.find("geometry")
-    body = None if geometry is None or not len(geometry) else geometry[0]
-    if body is None or body.tag not in (*SIZES, "mesh"):
-        return None
+def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Path | None]) -> Shape:
+    body = element.find("geometry/*")
+    assert body is not None
     where = f"link {shown(link)}: {body.tag}"
     mesh = None
     if body.tag == "mesh":

@@ -48,6 +48,8 @@ class Foot:
 
 SAME = 1e-6
 """Of a walker's numbers against its model's: what rounding makes of them."""
+NEAR = 0.05
+"""Share of a walker's height by which its feet may be elsewhere, on the mean."""
 DEEPEST = 0.5
 """How deep a robot may crouch, as a share of its height."""
 
@@ -87,6 +89,7 @@ class GaitRobot:
             raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {', '.join(names)}")
         if self.model is not None:
             self._check_model(self.model, where)
+        self._check_numbers(where)
 
     def _check_model(self, model: RobotModel, where: str) -> None:
         """Raise InvalidInput for numbers that are not its model's. It may stand lower, crouched, and not higher."""
@@ -100,6 +103,23 @@ class GaitRobot:
             raise InvalidInput(
                 f"{where}: expected to stand as high as its model, {high_m:.6g} m, or crouched down to {low_m:.6g} m, "
                 f"got {self.stand_height_m:.6g}"
+            )
+
+    def _check_numbers(self, where: str) -> None:
+        """Raise InvalidInput for a height at which its feet do not stand, and for an inertia that no mass within it
+        has: tolerances of the verifier are in units of both."""
+        stands_m = -float(np.mean([foot.nominal_m[2] for foot in self.feet]))
+        if not abs(self.stand_height_m - stands_m) <= NEAR * abs(stands_m):
+            raise InvalidInput(
+                f"{where}: stand_height_m: expected {stands_m:.6g} m, which its feet are below its centre of mass, got "
+                f"{self.stand_height_m:.6g}"
+            )
+        corners = [np.maximum(np.abs(foot.reach_min_m), np.abs(foot.reach_max_m)) for foot in self.feet]
+        most = self.mass_kg * max(float(corner @ corner) for corner in (self.trunk_half_m, *corners))
+        if (moment := float(np.linalg.eigvalsh(self.inertia_kgm2)[-1])) > most:
+            raise InvalidInput(
+                f"{where}: inertia_kgm2: expected moments up to {most:.3g} kg m², as far as its trunk and its feet go, "
+                f"got {moment:.3g}"
             )
 
     @property

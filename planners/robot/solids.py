@@ -10,15 +10,11 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ..files.arrays import Array
-from .meshes import read_mesh
 from .shapes import Shape
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel
 
-HEAVIEST_MESH = 3_000_000
-"""Bytes of a mesh that is still loaded for its hull."""
-MOST_POINTS = 4000
 CORNERS = 24
 """Of the polygon that stands for a circle."""
 LONG_M = 0.05
@@ -55,11 +51,11 @@ def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str
 
 
 def shape_points(shape: Shape) -> Array | None:
-    """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh that cannot be had."""
+    """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh without a hull."""
     if shape.kind == "box":
         return np.array(list(product((-0.5, 0.5), repeat=3))) * shape.size_m
     if shape.kind == "mesh":
-        return _mesh_points(shape)
+        return shape.corners_m
     radius = float(shape.size_m[0])
     half = 0.5 * float(shape.size_m[1]) if len(shape.size_m) > 1 else 0.0
     turn = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
@@ -88,13 +84,3 @@ def surface_points(points: Array, apart_m: float) -> Array:
     every = np.concatenate(found)  # its corners first, which no other point near them takes the place of
     _, kept = np.unique(np.round(every / (0.5 * apart_m)), axis=0, return_index=True)
     return np.asarray(every[np.union1d(kept, np.arange(len(found[0])))])
-
-
-def _mesh_points(shape: Shape) -> Array | None:
-    if shape.mesh is None or shape.mesh.stat().st_size > HEAVIEST_MESH:
-        return None
-    mesh = read_mesh(shape.mesh, shape.size_m)
-    if mesh is None:
-        return None
-    points = mesh.vertices_m
-    return points[:: 1 + len(points) // MOST_POINTS] if len(points) > 3 else None

@@ -100,6 +100,29 @@ def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+FLYING = ("floating", "planar")
+"""Types of a root joint that is the base's own freedom."""
+
+
+def without_root_joint(text: str, where: str) -> str:
+    """The URDF whose root is the robot's own base, where a joint that flies ties that to a bare world.
+
+    Such a joint is the base itself; a bare world has neither weight nor shape. Raises InvalidInput as ``parsed`` does.
+    """
+    root = parsed(text, where)
+    joints = root.findall("joint")
+    children = {child.get("link") for child in root.findall("joint/child")}
+    for world in [link for link in root.findall("link") if link.get("name") not in children]:
+        own = [joint for joint in joints if (parent := joint.find("parent")) is not None
+               and parent.get("link") == world.get("name")]  # fmt: skip
+        empty = world.find("inertial") is None and world.find("collision") is None and world.find("visual") is None
+        if empty and len(own) == 1 and own[0].get("type") in FLYING:
+            root.remove(own[0])
+            root.remove(world)
+            return ElementTree.tostring(root, encoding="unicode")
+    return text
+
+
 def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]:
     """The names that a name or pattern means. Raises InvalidInput for one that means none."""
     found = [pattern] if pattern in names else [name for name in names if fnmatchcase(name, pattern)]

@@ -17,10 +17,9 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
-from ..files.validation import shown
 from .contact_robot import contact_robot, standing_toes
 from .polytope import Polytope
-from .robot_file import YAML, model_of_keys, named_robot, read_keys
+from .robot_file import YAML, model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel
 from .single_body import DEEPEST, Foot, GaitRobot, anymal, half_sides, hexapod_walker
 from .solids import shape_points, solid_shapes
@@ -28,6 +27,8 @@ from .workspace import Workspace
 from .workspace_cache import workspaces_of
 
 BUILT_IN = {"anymal": anymal, "hexapod": hexapod_walker}
+LEGS = (4, 6)
+"""Numbers of legs that there are gaits for (``gait.variables.phases.GAITS``)."""
 ROOM = 0.05
 """Of the leg's length: a foot stands so far inside what it reaches, or farther."""
 CROUCHES = 101
@@ -37,11 +38,11 @@ UP.setflags(write=False)
 
 
 def named_walker(name: str | Path) -> GaitRobot:
-    """The walker of a built-in name, a ``.urdf`` file, or a ``.yaml`` file that names one or has a walker's numbers.
+    """The walker of a name, a ``.urdf`` file, or a ``.yaml`` file that names one or has a walker's numbers.
 
     Raises InvalidInput, in one line, for anything else.
     """
-    path = Path(name)
+    path = robot_path(name)
     if path.suffix in YAML:
         data = read_yaml(path)
         if isinstance(data, dict) and "urdf" not in data:
@@ -54,7 +55,7 @@ def named_walker(name: str | Path) -> GaitRobot:
         return walker_of(named_robot(path))
     if str(name) in BUILT_IN:
         return BUILT_IN[str(name)]()
-    raise InvalidInput(f"robot: expected {', '.join(BUILT_IN)} or a robot's file, got {shown(str(name))}")
+    raise unknown(name, tuple(BUILT_IN))
 
 
 def walker_of(
@@ -71,9 +72,14 @@ def walker_of(
     box, shape (3,) [m]; of the shapes that no leg carries where not given. ceiling_m: how high above the centre of mass
     a foot may be; inner_m: how far a foot stays from the planes half way to the others [m]. Where a foot has no room
     about it as the model stands, the walker stands a little lower, and its feet where they are.
-    Raises InvalidInput for a leg without a workspace, or whose foot has no room about it at any height, and for a robot
-    of less than three feet, or without a trunk.
+    Raises InvalidInput for a leg without a workspace, or whose foot has no room about it at any height, for a robot
+    without a trunk, and for one that no gait is for.
     """
+    if len(model.legs) not in LEGS:
+        raise InvalidInput(
+            f"robot {model.name}: expected four or six legs for a walk, got {len(model.legs)}: walks of bipeds and of "
+            "eight legs are not planned yet, key frames are (stancekit plan)"
+        )
     measured = workspaces_of(model) if workspaces is None else workspaces
     toes = standing_toes(model)
     inner = list[Polytope]()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -39,6 +40,27 @@ class CoursePlanner(Protocol):
     def solve(self, course: Course) -> PlanOutcome:
         """Answer one course. Raises InvalidInput where the planner is not made for it."""
         ...
+
+
+@runtime_checkable
+class Limitable(Protocol):
+    """A planner of courses whose time can be limited from outside."""
+
+    def within(self, limit_s: float) -> CoursePlanner:
+        """The same planner, whose ``solve`` takes no longer than this [s], nor longer than it would."""
+        ...
+
+
+class TimeLimited:
+    """Mixin of the planners that have a time limit ``time_limit_s`` [s]."""
+
+    time_limit_s: float
+
+    def within(self, limit_s: float) -> Self:
+        """A copy that takes no longer than this [s], nor longer than its own limit."""
+        limited = copy(self)
+        limited.time_limit_s = max(min(self.time_limit_s, limit_s), 0.0)
+        return limited
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,6 +115,7 @@ class Acceptance:
         return Outcome(
             status=status,
             method=method,
+            problem=problem,
             posture=claim.found if status is Status.FEASIBLE else None,
             certificate=claim.certificate if status is Status.INFEASIBLE else None,
             residual=residual,
@@ -132,6 +155,7 @@ class Acceptance:
         return PlanOutcome(
             status=status,
             method=method,
+            problem=course,
             plan=plan,
             objective=objective_of(plan) if plan is not None else float("nan"),
             bound=bound,

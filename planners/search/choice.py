@@ -257,7 +257,7 @@ class ChoiceSearch:
 
     def _late(self) -> bool:
         share = self._limits.share if self.tried and self.found is None else 1.0
-        return self._clock.working() > share * self._limits.time_limit_s
+        return self._clock.elapsed() > share * self._limits.time_limit_s
 
     def _solve(self, scaled: Scaled) -> LiftAnswer:
         lifted = solve_lift(self._programs, scaled, least_moment=False)

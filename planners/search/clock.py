@@ -37,7 +37,3 @@ class Clock:
         begin = time.perf_counter()
         yield
         self.compile_s += time.perf_counter() - begin
-
-    def working(self) -> float:
-        """Seconds since the beginning, compiling left out [s]."""
-        return self.elapsed() - self.compile_s

@@ -28,7 +28,7 @@ from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.mccormick import Axes, McCormick
 from ..relaxation.modes import Modes, allowed_boxes, composed, modes_of_frames
 from ..relaxation.relaxed import RelaxationAnswer
-from .answer import Acceptance, Claim, plan_of
+from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .clock import Clock
 from .cuts import alone
 from .two_stage import TwoStageCoursePlanner
@@ -39,7 +39,7 @@ GAP = 1e-4
 """A rounded choice that costs at most this share more than the bound, or 1e-8 of the length scale squared, is best."""
 
 
-class EnvelopeCoursePlanner:
+class EnvelopeCoursePlanner(TimeLimited):
     """P1 over one envelope, or over modes, then P2.
 
     envelopes: boxes in contact frames, learned for a stance of the course or its mirror image; with several, one is
@@ -172,7 +172,7 @@ class _Search:
             self._settle(_one_of(rough * whole + 0.5 * whole), allowed, np.inf)
         self._add(whole, allowed)
         while self._heap and self.found is None:
-            if self.nodes >= planner.max_nodes or self._clock.working() > planner.time_limit_s:
+            if self.nodes >= planner.max_nodes or self._clock.elapsed() > planner.time_limit_s:
                 limit = f"{planner.max_nodes} nodes" if self.nodes >= planner.max_nodes else "its time limit"
                 self.message, self._open_end = f"the search for choices met its limit ({limit})", True
                 return

@@ -28,7 +28,7 @@ from ..problem.course import Course
 from ..projection.descent import cost, improved
 from ..projection.project import SURFACE, project
 from ..relaxation.lift import LiftAnswer, solve_lift
-from .answer import Acceptance, Claim, plan_of
+from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .choice import LEAST, ChoiceSearch
 from .clock import Clock
 from .cuts import CutSearch, bent_patches, branch
@@ -99,7 +99,7 @@ class ExactPlanner:
         return search
 
 
-class ExactCoursePlanner:
+class ExactCoursePlanner(TimeLimited):
     """A plan within ``gap`` of the best, a certificate that there is none, or what is known at a limit.
 
     gap: relative. max_nodes, time_limit_s: where to stop; the bound is then what is proved so far.
@@ -122,14 +122,14 @@ class ExactCoursePlanner:
         self.max_nodes = max_nodes
         self.time_limit_s = checked(time_limit_s, "time_limit_s", least=0.0)
         self.programs = programs or Programs()
-        self._choices = TwoStageCoursePlanner(
-            gap=gap, max_nodes=max_nodes, time_limit_s=time_limit_s, programs=self.programs
-        )
 
     def solve(self, course: Course) -> PlanOutcome:
         """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it without a proof."""
         clock, scaled = Clock.start(), Scaled.of(course)
-        head = self._choices.search(scaled, clock)
+        choices = TwoStageCoursePlanner(
+            gap=self.gap, max_nodes=self.max_nodes, time_limit_s=self.time_limit_s, programs=self.programs
+        )
+        head = choices.search(scaled, clock)
         proof, details = head.certificate(), {"nodes": float(head.nodes), "cuts": 0.0}
         found, upper, lower, stopped = head.found, head.upper, head.bound, ""
         if proof is None and not head.closed:
@@ -191,7 +191,7 @@ class _BestPlan:
             self.lower = max(self._known, min(bound, self._lost))
             if self._closed(self.lower):
                 return
-            if self.nodes >= self._planner.max_nodes or self._clock.working() > self._planner.time_limit_s:
+            if self.nodes >= self._planner.max_nodes or self._clock.elapsed() > self._planner.time_limit_s:
                 at_nodes = self.nodes >= self._planner.max_nodes
                 limit = f"{self._planner.max_nodes} nodes" if at_nodes else "its time limit"
                 self.stopped = f"the search met its limit ({limit})"

@@ -6,23 +6,26 @@ of a plan that does not balance on an edge (``support_margin``).
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache
 
+from ..answer.outcome import Status
 from ..answer.plan import Plan, PlanOutcome
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES, pressing, steady
 from ..terrain.patch import Patch
-from .answer import CoursePlanner
+from .answer import CoursePlanner, Limitable
 from .two_stage import TwoStageCoursePlanner
 
 SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""
 CAUTION = 0.5
-"""Of a planner's time limit, what all shares but the last may use together."""
+"""Fraction of the time that all shares but the last, and plans that press, may use together."""
+TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
 def slippery(course: Course, share: float) -> Course:
@@ -42,47 +45,61 @@ def slippery(course: Course, share: float) -> Course:
 
 
 def plan_with_reserve(
-    planner: CoursePlanner, course: Course, shares: Sequence[float] = SHARES, presses: Sequence[float] = PRESSES
+    planner: CoursePlanner,
+    course: Course,
+    shares: Sequence[float] = SHARES,
+    presses: Sequence[float] = PRESSES,
+    *,
+    deadline: float = math.inf,
 ) -> PlanOutcome:
     """The answer for the most cautious share that has a plan; the plan is one of the course itself.
 
     Where that plan balances on an edge, one in which every foot that carries presses with such a share of the weight is
     taken, the first of ``presses`` that has one. Where no share has a plan, the answer for the last one, by default the
-    course as it is: only that one proves anything of it. ``provenance`` says which shares of friction and of weight it
-    was. The planner's time limit is one for all of this: where the more cautious shares take ``CAUTION`` of it, the
-    last gets the rest. Raises InvalidInput where the planner is not made for the course.
+    course as it is: only that one proves anything of it. ``provenance`` says which of several shares of friction, and
+    which share of the weight, it was. deadline: when all of this has to end (``time.perf_counter()``), for planners
+    whose time can be limited (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and
+    ``presses`` may take ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where the planner is not
+    made for the course.
     """
     begin = time.perf_counter()
+    if len(shares) > 1:
+        deadline = min(deadline, begin + getattr(planner, "time_limit_s", math.inf))
+    cautious = begin + CAUTION * (deadline - begin)
+    outcome: PlanOutcome | None = None
     for share in shares:
-        limited = _limited(planner, begin, 1.0 if share == shares[-1] else CAUTION)
-        if share != shares[-1] and getattr(limited, "time_limit_s", 1.0) <= 0.0:
+        limited = limited_to(planner, deadline if share == shares[-1] else cautious)
+        if limited is None:
             continue
         dulled = slippery(course, share)
         outcome = limited.solve(dulled)
         if outcome.plan is not None:
-            outcome, press = _firmer(_limited(planner, begin), dulled, outcome, presses)
+            outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
             assert outcome.plan is not None
-            provenance = {**outcome.plan.provenance, "friction_share": share}
+            provenance = {**outcome.plan.provenance, **({"friction_share": share} if len(shares) > 1 else {})}
             if press > 0.0:
                 provenance["press_share"] = press
             plan: Plan = replace(outcome.plan, course=course, provenance=provenance)
             exact = share >= 1.0 and press == 0.0  # a bound of another course bounds nothing here
-            return replace(outcome, plan=plan, bound=outcome.bound if exact else float("nan"))
-    return outcome
+            return replace(outcome, plan=plan, problem=course, bound=outcome.bound if exact else float("nan"))
+    return outcome or PlanOutcome(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)
 
 
-def _limited(planner: CoursePlanner, begin: float, part: float = 1.0) -> CoursePlanner:
-    """The planner with what is left of this part of its time limit since ``begin``; itself where it has none."""
-    limit_s = getattr(planner, "time_limit_s", None)
-    if limit_s is None:
+def limited_to(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
+    """The planner with the time that is left to ``deadline`` (``time.perf_counter()``), None where none is.
+
+    A planner whose time nobody can limit is the planner itself.
+    """
+    if math.isinf(deadline):
         return planner
-    limited = copy(planner)
-    limited.time_limit_s = max(part * limit_s - (time.perf_counter() - begin), 0.0)  # type: ignore[attr-defined]
-    return limited
+    left_s = deadline - time.perf_counter()
+    if left_s <= 0.0:
+        return None
+    return planner.within(left_s) if isinstance(planner, Limitable) else planner
 
 
 def _firmer(
-    planner: CoursePlanner, course: Course, outcome: PlanOutcome, presses: Sequence[float]
+    planner: CoursePlanner, course: Course, outcome: PlanOutcome, presses: Sequence[float], deadline: float
 ) -> tuple[PlanOutcome, float]:
     """The same, or where its plan balances on an edge one that does not, and with how much of the weight its feet
     press at least: 0 for no such demand."""
@@ -93,7 +110,10 @@ def _firmer(
         planner = copy(planner)
         planner.cuts = False  # nobody waits half a minute for a plan that is only better to have
     for press in presses:
-        firmer = planner.solve(pressing(course, press))
+        limited = limited_to(planner, deadline)
+        if limited is None:
+            break
+        firmer = limited.solve(pressing(course, press))
         if firmer.plan is not None:
             return firmer, press
     return outcome, 0.0

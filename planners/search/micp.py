@@ -28,11 +28,14 @@ from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_frames, unit_domain
 from ..relaxation.micp import SOLVERS, Grid, MicpProgram, cones_of, of_layout
-from .answer import Acceptance, Claim, plan_of
+from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .clock import Clock
 
+LEAST_S = 1e-3
+"""A solver is given this much time even where writing the model down took all of it [s]."""
 
-class MicpPlanner:
+
+class MicpPlanner(TimeLimited):
     """The papers' planner: claims of a mixed-integer solver, of which only verified witnesses become an answer.
 
     solver: "highs", "scip" or "gurobi". envelope: a box over the stance contacts, or a learned set of one; it confines
@@ -80,7 +83,7 @@ class MicpPlanner:
         with clock.compiling():
             program = self.program(problem)
         begin = time.process_time()
-        answer = program.solve(scaled, self.time_limit_s)
+        answer = program.solve(scaled, max(self.time_limit_s - clock.elapsed(), LEAST_S))
         clock.count(1, answer.seconds)
         details = program.figures | {"solver_s": answer.seconds, "solver_cpu_s": time.process_time() - begin}
         details["cell_error"] = cell_error(self.boxes(problem)[0], self.grid.counts)

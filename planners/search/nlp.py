@@ -16,7 +16,7 @@ from ..problem.course import Course
 from ..projection.nlp import NlpProgram
 from ..projection.project import SURFACE
 from ..relaxation.lift import solve_lift
-from .answer import Acceptance, Claim, plan_of
+from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .choice import nearest
 from .clock import Clock
 
@@ -24,7 +24,7 @@ Start = Literal["nominal", "p1"]
 STARTS: tuple[Start, ...] = get_args(Start)
 
 
-class NlpPlanner:
+class NlpPlanner(TimeLimited):
     """Feasible by IPOPT from one of several starts, or undecided: a local method proves nothing.
 
     Of several candidates each toe takes the nearest with friction. start: the first one, nominal (body on its path,
@@ -70,7 +70,7 @@ class NlpPlanner:
             )
         best, word, tried = None, "", 0
         for start in self._starting(chosen, count):
-            if tried and clock.working() > self.time_limit_s:
+            if tried and clock.elapsed() > self.time_limit_s:
                 break
             point, word = program.attempt(self._programs, chosen, start)
             tried += 1

@@ -56,7 +56,7 @@ class Nogoods:
         return int(covers.argmax()) if covers.any() else None
 
     def learn(self, choice: Index, deadline_s: float) -> bool:
-        """Look at every stance alone on this choice, (P,); whether one is refuted. deadline_s: of working time, when to
+        """Look at every stance alone on this choice, (P,); whether one is refuted. deadline_s: of its time, when to
         stop."""
         layout, chosen = self._scaled.layout, self._scaled.chosen(choice)
         learned = False
@@ -65,7 +65,7 @@ class Nogoods:
             key = (stance, *(int(choice[p]) for p in under))
             if key in self._known:
                 continue
-            if self._clock.working() > deadline_s:
+            if self._clock.elapsed() > deadline_s:
                 break
             self._known.add(key)
             root = self._refuted(chosen, stance, NODES, deadline_s)
@@ -125,7 +125,7 @@ class Nogoods:
         mask[under] = np.eye(scaled.options)[choice[under]]
         idle = [layout.holds[frame][limb] for limb in range(layout.limbs) if limb not in limbs]
         for group in (idle, *([layout.holds[frame][limb]] for limb in limbs)):
-            if everything[group].sum() <= len(group) or self._clock.working() > deadline_s:
+            if everything[group].sum() <= len(group) or self._clock.elapsed() > deadline_s:
                 continue
             wider = mask.copy()
             wider[group] = 1.0
@@ -137,7 +137,7 @@ class Nogoods:
 
     def _refuted(self, scaled: Scaled, stance: int, nodes: int, deadline_s: float) -> Node | None:
         """The root of a search that refutes the stance alone; None where it does not, or not in time."""
-        left_s = max(deadline_s - self._clock.working(), 0.0)
+        left_s = max(deadline_s - self._clock.elapsed(), 0.0)
         search = CutSearch(
             self._programs, alone(scaled, stance)[0], gap=PROVABLE, tolerance=0.0, max_nodes=nodes,
             deadline=time.perf_counter() + left_s,

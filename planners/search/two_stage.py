@@ -22,7 +22,7 @@ from ..files.arrays import checked
 from ..problem.course import Course
 from ..projection.descent import improved
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
-from .answer import Acceptance, Claim, plan_of
+from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .choice import ChoiceSearch, Limits
 from .clock import Clock
 from .cuts import PROVABLE, CutSearch
@@ -33,13 +33,13 @@ CHOICE_SHARE = 0.75
 """Of the time limit that the search over choices may use where cuts in space, which get the rest, are of use."""
 
 
-class TwoStageCoursePlanner:
+class TwoStageCoursePlanner(TimeLimited):
     """P1 by the lift, P2 by projection, branch and bound over candidates, and cuts where P1 says yes and P2 no.
 
     projection: see ``projection.project``. gap: None takes the first plan that the search finds; else the search goes
     on, and improves plans, until one is proved to be within this relative gap of the best. max_nodes: of each search.
     time_limit_s: of one course. cuts: whether to cut in space. steps: of SCP at most, where the first few bring a point
-    near to a plan; those of one choice are not interrupted by the time limit.
+    near to a plan.
     """
 
     name = "two-stage"
@@ -75,7 +75,7 @@ class TwoStageCoursePlanner:
             "nodes": float(search.nodes), "guessed": float(search.guessed), "projected": float(search.tried),
             "dived": float(search.dived), "cuts": 0.0,
         }  # fmt: skip
-        if found is None and proof is None and self.cuts and clock.working() < self.time_limit_s:
+        if found is None and proof is None and self.cuts and clock.elapsed() < self.time_limit_s:
             found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes, self.time_limit_s)
             message, details["cuts"] = "" if found or proof else message, float(nodes)
         plan = None
@@ -94,7 +94,8 @@ class TwoStageCoursePlanner:
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, QUICK)
-            point = project(self.programs, self.projection, chosen, start, steps=steps)
+            deadline = clock.begin + self.time_limit_s
+            point = project(self.programs, self.projection, chosen, start, steps=steps, deadline=deadline)
             clock.count(point.solves, point.seconds)
             if self.gap is None or not point.residual <= SURFACE:
                 return point
@@ -109,7 +110,7 @@ def decide(
     programs: Programs, scaled: Scaled, clock: Clock, max_nodes: int, time_limit_s: float
 ) -> tuple[tuple[Index, Point] | None, Certificate | None, int]:
     """Decide a course by cuts in space: choice and point, or certificate, or neither at a limit; and how many nodes."""
-    deadline = time.perf_counter() + max(time_limit_s - clock.working(), 0.0)
+    deadline = time.perf_counter() + max(time_limit_s - clock.elapsed(), 0.0)
     search = CutSearch(programs, scaled, gap=PROVABLE, tolerance=1e-6, max_nodes=max_nodes, deadline=deadline)
     search.run()
     clock.count(search.solves, search.seconds)

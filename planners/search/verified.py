@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, TypeVar
 
@@ -19,7 +20,7 @@ from ..files.validation import shown
 from ..plugins import foreign
 from ..problem import PostureProblem
 from ..problem.course import Course
-from .answer import Acceptance, Claim
+from .answer import Acceptance, Claim, Limitable
 from .clock import Clock
 
 Evidence = TypeVar("Evidence", Posture, Certificate, Plan)
@@ -53,10 +54,22 @@ class VerifiedCoursePlanner:
     """A planner of courses from elsewhere; its ``solve`` gives a ``PlanOutcome``, or a plan or certificate alone.
 
     A plan is taken for one of the course that was asked for; bounds on its objective come without proof, and are left.
+    remake: a function that makes the planner anew with another time limit [s]; None where there is no such function.
     """
 
-    def __init__(self, planner: Any, name: str, acceptance: Acceptance) -> None:
+    def __init__(
+        self, planner: Any, name: str, acceptance: Acceptance, remake: Callable[[float], Any] | None = None
+    ) -> None:
         self._planner, self.name, self._acceptance = _solving(planner, f"planner {name}"), name, acceptance
+        self._remake = remake
+
+    def within(self, limit_s: float) -> VerifiedCoursePlanner:
+        """The planner made anew with this time limit [s]; itself where nobody can limit it."""
+        if self._remake is None and not isinstance(self._planner, Limitable):
+            return self
+        with foreign(f"planner {self.name}"):
+            planner = self._planner.within(limit_s) if self._remake is None else self._remake(limit_s)
+        return VerifiedCoursePlanner(planner, self.name, self._acceptance, self._remake)
 
     def solve(self, course: Course) -> PlanOutcome:
         """As ``VerifiedPlanner.solve``."""

@@ -2,67 +2,71 @@
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import replace
 
 from ..answer.outcome import Status
 from ..answer.plan import PlanOutcome
-from ..errors import InvalidInput
+from ..errors import InvalidInput, TimeEnded, check_time
 from ..files.arrays import Array
 from ..projection.whole_body import whole_body
 from ..projection.whole_body_limits import WholeBodyLimits
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
+from ..verify.report import LATE
 from .answer import objective_of
 
 
 def with_whole_body(
-    outcome: PlanOutcome, limits: WholeBodyLimits = WholeBodyLimits(), start_rad: Array | None = None
+    outcome: PlanOutcome,
+    limits: WholeBodyLimits = WholeBodyLimits(),
+    start_rad: Array | None = None,
+    *,
+    deadline: float = math.inf,
 ) -> PlanOutcome:
-    """The outcome with joint angles in its plan, with torques within the limits where such a plan is found.
+    """The outcome with joint angles in its plan, with torques within the limits where such a plan is found, and with
+    the verifier's report on all of it.
 
-    start_rad: those of a robot that stands already where the plan begins, as for ``plan_angles``, shape (J,).
+    start_rad: those of a robot that stands already where the plan begins, as for ``plan_angles``, shape (J,). deadline:
+    when it is wanted (``time.perf_counter()``).
     Where the joints cannot do it, or bodies collide, the course is undecided, with the reason and the plan: nothing is
-    proved of others. The outcome as it is where there is no plan, and, where no torque is asked for, for a robot
-    without a file whose legs are not known, or without pinocchio. Raises InvalidInput where these are needed.
+    proved of others. So it is where the time ended before all was judged. The outcome as it is where there is no plan;
+    no joints, where no torque is asked for, for a robot without a file whose legs are not known, or without pinocchio.
+    Raises InvalidInput where these are needed.
     """
-    return _with_joints(outcome, limits, start_rad, between=False)[0]
-
-
-def judged_whole_body(
-    outcome: PlanOutcome, limits: WholeBodyLimits = WholeBodyLimits()
-) -> tuple[PlanOutcome, Report | None]:
-    """``with_whole_body``, and all that the verifier says of its plan, as it is to be written; None without a plan.
-
-    Raises InvalidInput as ``with_whole_body`` does.
-    """
-    outcome, report = _with_joints(outcome, limits, None, between=True)
     if outcome.plan is None:
-        return outcome, None
-    return outcome, report or check_plan(outcome.plan, joints=True)
-
-
-def _with_joints(
-    outcome: PlanOutcome, limits: WholeBodyLimits, start_rad: Array | None, *, between: bool
-) -> tuple[PlanOutcome, Report | None]:
-    """The outcome, and what the verifier says of a plan that joints were found for. between: as for ``check_plan``."""
-    if outcome.plan is None:
-        return outcome, None
-    course = outcome.plan.course
+        return outcome
+    plan, details, course = outcome.plan, dict(outcome.details), outcome.plan.course
     try:
+        check_time(deadline)
         solver = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
+        found = whole_body(plan, limits, solver, start_rad, deadline=deadline)
+        plan, details = found.plan, details | found.details
+    except TimeEnded:
+        pass
     except InvalidInput:
         if limits.concern(course.robot):
             raise
-        return outcome, None
-    found = whole_body(outcome.plan, limits, solver, start_rad)
-    report = check_plan(found.plan, joints=True, between=between)
-    outcome = replace(
+    report = check_plan(plan, joints=True, deadline=deadline)
+    undecided = not report.accepted or report.late
+    return replace(
         outcome,
-        status=Status.UNDECIDED if report.failures else outcome.status,
-        message=report.failures or outcome.message,
-        plan=found.plan,
-        objective=objective_of(found.plan),
+        status=Status.UNDECIDED if undecided else outcome.status,
+        message=_reason(report, deadline) if undecided else outcome.message,
+        plan=plan,
+        objective=objective_of(plan),
         residual=report.worst,
-        details={**outcome.details, **found.details},
+        details=details,
+        report=report,
     )
-    return outcome, report
+
+
+def _reason(report: Report, deadline: float) -> str:
+    """Why a plan is not accepted, or not yet."""
+    if not report.contacts:
+        return report.message
+    late = f"{LATE} before {', '.join(report.unchecked)} could be judged, contacts hold" if report.late else ""
+    if not late and time.perf_counter() > deadline:
+        late = f"{LATE} before the plan could be bent any further"
+    return "; ".join(filter(None, (report.failures, late)))

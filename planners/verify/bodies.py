@@ -7,6 +7,8 @@ terrain is ``Obstacles``; a foot may be in the surface it stands on.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,6 +18,7 @@ import numpy as np
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from .report import LATE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,15 +92,20 @@ def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
     return np.unique([*chosen, len(points_m) - 1])
 
 
-def bodies_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "") -> BodyReport:
-    """Judge postures alone, each with its key frame; astray: as of ``BodyReport``."""
-    return _report(bodies, ((frame, bodies.overlaps(posture)) for frame, posture in postures), astray)
+def bodies_report(
+    bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "", *, deadline: float = math.inf
+) -> BodyReport:
+    """Judge postures alone, each with its key frame; astray: as of ``BodyReport``; deadline: as of ``check_bodies``."""
+    return _report(bodies, ((frame, bodies.overlaps(posture)) for frame, posture in postures), astray, deadline)
 
 
-def motion_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "") -> BodyReport:
+def motion_report(
+    bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "", *, deadline: float = math.inf
+) -> BodyReport:
     """Judge postures that follow each other, each with its progress, and links on the way from one to the next.
 
     Whether postures are near enough to each other to stand for the motion between them is their maker's to see to.
+    deadline: as of ``check_bodies``.
     """
 
     def found() -> Iterator[tuple[float, Sequence[Overlap]]]:
@@ -109,44 +117,59 @@ def motion_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], a
             yield frame, bodies.overlaps(posture)
             before = frame, posture
 
-    return _report(bodies, found(), astray)
+    return _report(bodies, found(), astray, deadline)
 
 
-def _report(bodies: Bodies, found: Iterable[tuple[float, Sequence[Overlap]]], astray: str) -> BodyReport:
+def _report(
+    bodies: Bodies, found: Iterable[tuple[float, Sequence[Overlap]]], astray: str, deadline: float
+) -> BodyReport:
     """found: of every posture its progress, and what is too deep in something, the deepest first."""
     deepest: Overlap | None = None
-    at, count, hit = 0.0, 0, 0
+    at, count, hit, missing = 0.0, 0, 0, bodies.missing
     for frame, overlaps in found:
+        if time.perf_counter() > deadline:
+            missing = (f"{LATE} after {count} postures", *missing)
+            break
         count += 1
         hit += bool(overlaps)
         if overlaps and (deepest is None or overlaps[0].depth_m > deepest.depth_m):
             deepest, at = overlaps[0], frame
     return BodyReport(
-        postures=count, hit=hit, worst=deepest, frame=at, missing=bodies.missing, drawn_so=bodies.drawn_so,
+        postures=count, hit=hit, worst=deepest, frame=at, missing=missing, drawn_so=bodies.drawn_so,
         astray=astray,
     )  # fmt: skip
 
 
-def check_bodies(plan: Plan, angles: Array, solver: Kinematics) -> dict[str, Mapping[str, Any]]:
-    """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad], and ``motion``, of the
-    path through them where they are the plan's own. Raises InvalidInput without coal."""
+def check_bodies(
+    plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf
+) -> dict[str, Mapping[str, Any]]:
+    """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad], and, where limbs carry
+    between them, ``motion``, of the path through them where they are the plan's own.
+
+    deadline: when to stop (``time.perf_counter()``); what was not looked at by then is not checked. Raises InvalidInput
+    without coal.
+    """
     from ..motion.joints import STRAY_M, JointPath, key_postures, path_bodies  # slow to import
     from ..motion.path import PlanPath
     from ..robot.bodies import Bodies
     from ..terrain.obstacles import Obstacles
 
     bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
-    keys = bodies_report(bodies, enumerate(key_postures(plan, angles)))
+    keys = bodies_report(bodies, enumerate(key_postures(plan, angles)), deadline=deadline)
     found: dict[str, Mapping[str, Any]] = {"bodies": keys.to_json()}
-    if plan.joints_rad is None:
-        return found | {"motion": {"verdict": "not checked", "message": NO_ANGLES}}
+    if plan.course.uncarried:
+        return found  # nobody asks for a motion
+    unchecked = NO_ANGLES if plan.joints_rad is None else LATE if time.perf_counter() > deadline else ""
+    if unchecked:
+        return found | {"motion": {"verdict": "not checked", "message": unchecked}}
     try:
         path = PlanPath(plan)
         moments, postures = JointPath(path, solver).judged()
     except InvalidInput as error:
         return found | {"motion": {"verdict": "not checked", "message": str(error)}}
     astray = _astray(plan, moments.frame, postures.error_m) if postures.error_m.max() > STRAY_M else ""
-    return found | {"motion": motion_report(bodies, path_bodies(path, moments, postures), astray).to_json()}
+    motion = motion_report(bodies, path_bodies(path, moments, postures), astray, deadline=deadline)
+    return found | {"motion": motion.to_json()}
 
 
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:

@@ -63,29 +63,11 @@ class Explanation:
 def explain(
     subject: PostureProblem | Course, certificate: Certificate, *, tolerance: float | None = None
 ) -> Explanation:
-    """Why is there no posture, or no plan: how far each single parameter must change before the certificate fails.
+    """How far each single parameter must change before a certificate fails: the parameters of a posture problem, the
+    cheapest growth first, or those of a course's weakest leaf, the one that changes least first.
 
-    Parameters of a posture problem: friction, reach and largest normal force of each contact, COM radius, tilt limit,
-    the cheapest growth first. Of a course, for its weakest leaf: the limits of E11, reach, COM radius and friction
-    where the proof pulls most, the one that changes least relative to what it is first.
-
-    Arguments:
-        subject: the posture problem or course.
-        certificate: that it has no answer.
-        tolerance: as for ``check_certificate``.
-    Returns:
-        An ``Explanation``: ``message`` in one line, and ``relaxations``, what each parameter would have to become at
-        least. A certificate that is not accepted explains nothing: no relaxations, and the message says why.
-    Raises:
-        Nothing: a bad certificate is refused in the message.
-    Source:
-        Lagrangian bounds of E1-E11.
-    Example:
-        >>> import stancekit
-        >>> problem = stancekit.sample("wall-3", rng=8)[0]
-        >>> why = stancekit.explain(problem, stancekit.solve(problem).certificate)
-        >>> why.relaxations[0].parameter
-        'friction'
+    tolerance: as for ``check_certificate``. A certificate that is not accepted explains nothing: no relaxations, and
+    the message says why.
     """
     report = check_certificate(subject, certificate, tolerance=tolerance)
     if not report.accepted:

@@ -7,6 +7,8 @@ are those at rest, under the plan's own forces, in every stance.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,7 +21,7 @@ from ..files.arrays import Array
 from ..problem.course import Course
 from ..robot.urdf import Servo
 from .bodies import check_bodies
-from .report import WHOLE_BODY
+from .report import LATE, NOBODY_CARRIES, NOT_ASKED, WHOLE_BODY
 
 if TYPE_CHECKING:
     from ..robot.kinematics import Kinematics
@@ -90,18 +92,25 @@ class JointReport:
         return joints, torque
 
 
-def check_whole_body(plan: Plan) -> dict[str, Mapping[str, Any]]:
+def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> dict[str, Mapping[str, Any]]:
     """Can the robot do it? Groups ``joints``, ``torque``, ``bodies`` and ``motion``, each with a verdict (checked,
     failed or not checked), a message, and what was measured. Nothing is checked without pinocchio, or where the legs
-    are not known, and no bodies without coal."""
+    are not known, and no bodies without coal; a motion is not asked for where nobody carries between frames.
+
+    deadline: when to stop (``time.perf_counter()``); what was not looked at by then is not checked.
+    """
     from ..robot.kinematics import Kinematics  # slow to import
 
     found = dict[str, Mapping[str, Any]]()
+    if plan.course.uncarried:
+        found["motion"] = {"verdict": NOT_ASKED, "message": NOBODY_CARRIES}
     try:
+        if time.perf_counter() > deadline:
+            raise InvalidInput(LATE)
         solver = Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
         report = joint_report(plan, solver=solver)
         found["joints"], found["torque"] = report.to_json()
-        found |= check_bodies(plan, report.angles, solver)
+        found |= check_bodies(plan, report.angles, solver, deadline=deadline)
     except InvalidInput as error:
         unchecked = {"verdict": "not checked", "message": str(error)}
         found = {name: found.get(name, unchecked) for name in WHOLE_BODY}

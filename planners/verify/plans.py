@@ -38,18 +38,28 @@ BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
 
 
-def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, between: bool = True) -> Report:
+def check_plan(
+    plan: Plan,
+    *,
+    tolerance: float = 1e-6,
+    joints: bool = False,
+    between: bool = True,
+    deadline: float = math.inf,
+) -> Report:
     """Check every constraint of the course at the plan; never raises for a bad plan.
 
     tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
     weight, moments in their product and angles in rad. joints: judge joints, torques and bodies, at key frames and on
     the way between them, too. between: recompute points between the frames; without them, what convexity proves of the
-    way is taken as proved.
+    way is taken as proved. deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
+    by then is not checked.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
-    groups = {name: {"verdict": NOT_ASKED} for name in WHOLE_BODY} | (check_whole_body(plan) if joints else {})
+    groups = {name: {"verdict": NOT_ASKED} for name in WHOLE_BODY} | (
+        check_whole_body(plan, deadline=deadline) if joints else {}
+    )
     with np.errstate(all="ignore"):
         return _Sweep(plan).report(tolerance, groups, BETWEEN if between else ())
 

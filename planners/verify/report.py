@@ -8,16 +8,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 from numpy.typing import NDArray
 
 from ..answer.outcome import Posture
 from ..answer.plan import Plan
+from ..errors import InvalidInput
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..problem.course_json import course_to_json
-from ..robot.urdf import joint_names
+from ..robot.urdf import hexapod_urdf, joint_names
 
 GROUPS = {
     "patch": "m",
@@ -46,6 +47,9 @@ PLAN_GROUPS = {
 WHOLE_BODY = ("joints", "torque", "bodies", "motion")
 """Groups of a plan that are of more of the robot than its contacts; motion is bodies between key frames."""
 NOT_ASKED = "not asked for"
+NOBODY_CARRIES = "nobody carries between frames"
+LATE = "the time limit ended"
+"""How the message of a group begins that was not checked since the time had ended."""
 OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
 ROUNDING = 1e-12
@@ -130,6 +134,34 @@ class Report:
         return ("contacts", *found)
 
     @property
+    def unchecked(self) -> tuple[str, ...]:
+        """The groups of the whole body that somebody asked for, and that could not be checked."""
+        return tuple(name for name in WHOLE_BODY if getattr(self, name)["verdict"] == "not checked")
+
+    @property
+    def late(self) -> bool:
+        """Whether some of that was left since the time had ended."""
+        return any(str(getattr(self, name).get("message", "")).startswith(LATE) for name in self.unchecked)
+
+    @cached_property
+    def hindrance(self) -> str:
+        """Why no runner executes the plan, whatever the world; empty where one may."""
+        if not isinstance(self.answer, Plan):
+            return ""
+        course = self.answer.course
+        if course.uncarried:
+            return NOBODY_CARRIES
+        if course.has_soles:
+            return "its feet are soles, and only point feet are executed"
+        if course.robot.model is not None:
+            return ""
+        try:
+            _ = hexapod_urdf(course.robot)
+        except InvalidInput as error:
+            return str(error)
+        return ""
+
+    @property
     def joints_message(self) -> str:
         """What is said of the groups of the whole body that somebody asked for; empty where nobody did."""
         said = list[tuple[str, str]]()
@@ -168,8 +200,16 @@ class Report:
 
     @property
     def message(self) -> str:
-        """One line: the verdict, the worst group, where and by how much."""
-        verdict = "accepted" if self.accepted else "rejected"
+        """One line: the verdict, what was not checked, the worst group, where and by how much, and what hinders its
+        execution."""
+        if not self.accepted:
+            return self._worst("rejected")
+        line = self._worst(accepted_as_far(self.unchecked))
+        return f"{line}; cannot be executed: {self.hindrance}" if self.hindrance else line
+
+    def _worst(self, verdict: str) -> str:
+        """The verdict and the worst group."""
+        then = "; " if " as far as " in verdict else ": "
         if self.defect:
             return f"{verdict}: {self.defect}"
         of_plan = isinstance(self.answer, Plan)
@@ -177,14 +217,15 @@ class Report:
             return f"{verdict}: contacts hold, {self._cannot}"
         group = max(self.groups, key=lambda g: g.worst)
         if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
-            return f"{verdict}: no constraint is violated"
+            balanced = of_plan and cast("Plan", self.answer).course.uncarried
+            return verdict + then + ("balanced in every frame" if balanced else "no constraint is violated")
         place = group.where
         if of_plan:
             place = f"frame {group.frame}" + (f", limb {group.limb}" if group.limb else "")
             if group.share:
                 place += f", {group.share:.0%} of the way to frame {group.frame + 1}"
         size = f"off by {group.value:.3g} {group.unit}" if group.unit else "nobody there carries as the schedule says"
-        return f"{verdict}: worst is {group.group}{f' ({place})' if place else ''}, {size}"
+        return f"{verdict}{then}worst is {group.group}{f' ({place})' if place else ''}, {size}"
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""
@@ -207,6 +248,15 @@ class Report:
             ),
             "groups": [group.to_json() for group in self.groups],
         }
+
+
+def accepted_as_far(unchecked: Sequence[str]) -> str:
+    """The word for what is accepted, with the groups that nobody could check."""
+    if not unchecked:
+        return "accepted"
+    *most, last = unchecked
+    names = f"{', '.join(most)} and {last} are" if most else f"{last} is"
+    return f"accepted as far as checked: {names} not"
 
 
 def refused(

@@ -16,9 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import InvalidInput
 from ..gait.trajectory import Trajectory
+from ..robot.legged import walking_robot
+from .report import accepted_as_far
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS
+from .trajectory_limits import WHOLE_BODY
 from .trajectory_limits import Limits as Limits
 from .trajectory_measurements import GRAVITY_M_S2, TrajectoryMeasurements
 from .trajectory_momentum import MomentumMeasurements
@@ -88,6 +92,25 @@ class GaitReport:
         """The groups that could not be checked."""
         return tuple(group.group for group in self.groups if not group.checked)
 
+    @cached_property
+    def hindrance(self) -> str:
+        """Why no runner executes the walk, whatever the world; empty where one may.
+
+        Of a robot without a model, the runner asks the servos of the world what the verifier cannot know.
+        """
+        robots_own = WHOLE_BODY if self.trajectory.robot.model is None else ()
+        left = [name for name in self.unchecked if name not in robots_own]
+        if left:
+            return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'} not checked"
+        if self.trajectory.adhesive.any():
+            names = np.array(self.trajectory.robot.foot_names)[self.trajectory.adhesive]
+            return f"no world has feet that stick, as {', '.join(names)} do"
+        try:
+            _ = walking_robot(self.trajectory.robot)
+        except InvalidInput as error:
+            return str(error)
+        return ""
+
     @property
     def refused(self) -> tuple[GroupViolation, ...]:
         """The groups that break their limits, the worst first."""
@@ -100,9 +123,9 @@ class GaitReport:
         if self.defect:
             return f"rejected: {self.defect}"
         if self.accepted:
-            open_ = f"; NOT CHECKED: {', '.join(self.unchecked)}" if self.unchecked else ""
-            checked = len(self.groups) - len(self.unchecked)
-            return f"accepted: {'' if open_ else 'all '}{checked} groups within their limits{open_}"
+            within = f"{len(self.groups) - len(self.unchecked)} groups within their limits"
+            line = f"{accepted_as_far(self.unchecked)}; {within}" if self.unchecked else f"accepted: all {within}"
+            return f"{line}; cannot be executed: {self.hindrance}" if self.hindrance else line
         first, *rest = self.refused
         when = "" if math.isnan(first.time_s) else f" at {first.time_s:.3f} s"
         where = f" ({first.where})" if first.where else ""
@@ -174,7 +197,7 @@ def _measured(measured: TrajectoryMeasurements, limits: Limits, *, body: bool) -
 def _unasked(trajectory: Trajectory) -> dict[str, str]:
     """Groups of which a trajectory does not say what is asked for, and what it does not say."""
     found = dict[str, str]()
-    if trajectory.heading_rad is None:
+    if trajectory.heading_rad is None and trajectory.heading_end_rad is None:
         found["heading"] = "no heading is asked for"
     if not all(trajectory.still):
         found |= dict.fromkeys(("rest", "rest_acceleration"), "it is not asked to be at rest at both ends")

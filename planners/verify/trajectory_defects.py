@@ -42,6 +42,8 @@ def defect_of(trajectory: Trajectory, step_s: float) -> str:
         return f"friction: expected a number of at least 0, got {trajectory.friction:g}"
     if trajectory.suction_n is not None and not 0.0 <= trajectory.suction_n <= LARGEST:
         return f"suction_n: expected a number of at least 0, got {trajectory.suction_n:g}"
-    if trajectory.heading_rad is not None and not abs(trajectory.heading_rad) <= LARGEST:
-        return f"heading_rad: expected a finite number, got {trajectory.heading_rad:g}"
+    for name in ("heading_rad", "heading_end_rad"):
+        heading = getattr(trajectory, name)
+        if heading is not None and not abs(heading) <= LARGEST:
+            return f"{name}: expected a finite number, got {heading:g}"
     return ""

@@ -111,11 +111,12 @@ class MomentumMeasurements:
     # ------------------------------------------------------------------------------------------- both ends
 
     def heading(self) -> Series:
-        """How far the torso's x axis, seen from above, is off the heading asked for, at the start [rad]."""
-        asked = self.trajectory.heading_rad
-        axis = self.trajectory.rotation[0, :, 0]
-        off = 0.0 if asked is None else float(np.arctan2(axis[1], axis[0])) - asked
-        return Series(np.array([[abs((off + np.pi) % (2.0 * np.pi) - np.pi)]]), ("torso",), self.times_s[:1])
+        """How far the torso's x axis, seen from above, is off the headings asked for at both ends, (2, 1) [rad]."""
+        asked = (self.trajectory.heading_rad, self.trajectory.heading_end_rad)
+        axes = self.trajectory.rotation[[0, -1], :, 0]
+        off = [0.0 if rad is None else float(np.arctan2(x[1], x[0])) - rad for rad, x in zip(asked, axes, strict=True)]
+        away = np.abs((np.array(off) + np.pi) % (2.0 * np.pi) - np.pi)
+        return Series(away[:, None], ("torso",), self.times_s[[0, -1]])
 
     def rest(self) -> Series:
         """Speed of torso and feet, turning at the stand height, at the ends asked to be at rest [m/s]."""

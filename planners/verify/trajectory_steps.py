@@ -24,11 +24,12 @@ MOST_PIECES = 10
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """Samples first … last of one foot's stance or swing that begins and ends within the trajectory."""
+    """Samples first … last of one foot's stance or swing. whole: it begins and ends within the trajectory."""
 
     foot: int
     first: int
     last: int
+    whole: bool = True
 
 
 class StepMeasurements:
@@ -55,11 +56,14 @@ class StepMeasurements:
         return self._marked(
             (stance, least_s - (stance.last - stance.first + 1) * self.step_s)
             for stance in _phases(self.trajectory.contact)
+            if stance.whole
         )
 
     def swing_time(self, least_s: float) -> Series:
-        """By how much a swing is too short, between the samples at which the foot stands before and after it [s]."""
-        return self._marked((swing, least_s - (swing.last - swing.first + 2) * self.step_s) for swing in self._swings)
+        """By how much a swing is too short, between the samples at which the foot stands before and after it [s]; of
+        one that the trajectory's ends cut off nobody knows."""
+        whole = (swing for swing in self._swings if swing.whole)
+        return self._marked((swing, least_s - (swing.last - swing.first + 2) * self.step_s) for swing in whole)
 
     def _speed(self, asked: Flags) -> Series:
         speed = np.linalg.norm(np.diff(self.trajectory.feet_m, axis=0), axis=-1) / self.step_s
@@ -113,13 +117,17 @@ class StepMeasurements:
         return self._height_m[swing.first : swing.last + 1, swing.foot]
 
     def _middle(self, swing: Phase) -> Array:
+        """Heights in the middle half; of a swing that is cut off all but a quarter beside the end at which it lands."""
         heights = self._heights(swing)
         quarter = len(heights) // 4
-        return heights[quarter : len(heights) - quarter]
+        begins, ends = swing.first > 0, swing.last < len(self._height_m) - 1
+        return heights[quarter * begins : len(heights) - quarter * ends]
 
     def _dragged(self, swing: Phase, near_m: float) -> float:
-        way = self.trajectory.feet_m[swing.first - 1 : swing.last + 2, swing.foot]
-        low = np.concatenate([[True], self._heights(swing) < near_m, [True]])
+        first, last = max(swing.first - 1, 0), min(swing.last + 1, len(self._height_m) - 1)
+        way = self.trajectory.feet_m[first : last + 1, swing.foot]
+        stands = self.trajectory.contact[first : last + 1, swing.foot]
+        low = stands | (self._height_m[first : last + 1, swing.foot] < near_m)
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1)[low[1:] & low[:-1]].sum())
 
     def _marked(self, found: Iterator[tuple[Phase, float]]) -> Series:
@@ -131,9 +139,9 @@ class StepMeasurements:
 
 
 def _phases(holds: Flags) -> Iterator[Phase]:
-    """Runs of samples at which it holds, foot by foot; those that the trajectory's ends cut off are none."""
+    """Runs of samples at which it holds, foot by foot; those that an end of the trajectory cuts off are not whole."""
     for foot in range(holds.shape[1]):
-        changes = np.flatnonzero(np.diff(holds[:, foot])) + 1
+        changes = [0, *(np.flatnonzero(np.diff(holds[:, foot])) + 1).tolist(), len(holds)]
         for first, end in pairwise(changes):
             if holds[first, foot]:
-                yield Phase(foot, int(first), int(end) - 1)
+                yield Phase(foot, first, end - 1, whole=first > 0 and end < len(holds))

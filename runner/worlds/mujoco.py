@@ -27,6 +27,15 @@ ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
 
 
+def mujoco_module() -> Any:
+    """The module mujoco. Raises InvalidInput where it is not installed."""
+    try:
+        import mujoco
+    except ImportError:
+        raise InvalidInput("world: expected MuJoCo, it is not installed: pip install 'stancekit[mujoco]'") from None
+    return mujoco
+
+
 class MujocoWorld(SimulatedWorld):
     """One robot on one terrain in MuJoCo. Raises InvalidInput where MuJoCo is not installed."""
 
@@ -34,11 +43,7 @@ class MujocoWorld(SimulatedWorld):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        try:
-            import mujoco
-        except ImportError:
-            raise InvalidInput("world: expected MuJoCo, it is not installed: pip install 'stancekit[mujoco]'") from None
-        self._mujoco = mujoco
+        self._mujoco = mujoco_module()
         self.body = simulated_body(self.model, mass_share=self.imperfections.mass_share)
         self._touching: tuple[tuple[str, str], ...] | None = None
         self._model: Any = None
@@ -95,6 +100,7 @@ class MujocoWorld(SimulatedWorld):
         spec.option.impratio = STIFF
         spec.body(self.body.base).add_freejoint()
         for geom in spec.geoms:
+            geom.density = 0.0  # or links without a mass in the file get one of their shapes
             geom.contype, geom.conaffinity = TERRAIN | ROBOT, ROBOT
         for first, second in apart:
             spec.add_exclude(bodyname1=first, bodyname2=second)

@@ -16,10 +16,10 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.leg import Leg
+from stancekit.planners.robot.plausibility import body_doubts, link_inertia
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.shapes import Shape
 from stancekit.planners.robot.urdf_reader import parsed
-from stancekit.planners.terrain.mesh_file import read_corners
 
 SPECK = 1e-6
 """Share of the robot's mass that a root without one gets: simulators take what weighs nothing for what never moves."""
@@ -57,7 +57,8 @@ def simulated_body(model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: 
 
     mass_share: of all masses and inertias, for robots heavier than their files say. rotors_kg_m2: of every joint, shape
     (J,), added to the inertia of the link that it turns, about every axis so that a simulator takes it for a body's;
-    for those that know no inertia of rotors. Raises InvalidInput for a model whose legs have joints that slide.
+    for those that know no inertia of rotors. Raises InvalidInput for a model whose legs have joints that
+    slide, and for links with masses or inertias that no body has.
     """
     if sliding := [joint.name for leg in model.legs for joint in leg.joints if joint.slides]:
         raise InvalidInput(f"robot {model.name}: expected joints that turn, got {sliding[0]}, which slides")
@@ -73,9 +74,10 @@ def simulated_body(model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: 
     links = {link.get("name", ""): link for link in root.findall("link")}
     hulls, missing = _hulled(links, [shape for shape in model.shapes if shape.collides])
     for leg in model.legs:
-        _round_foot(links[leg.foot], leg, _tip(model, leg))
+        _shape_foot(links[leg.foot], leg, model)
     children = {joint.find("child").get("link") for joint in root.findall("joint")}  # type: ignore[union-attr]
     base = next(name for name in links if name not in children)
+    _check_weights(root, model)
     _weigh(links, base, model.body.mass_kg, mass_share)
     turned = {joint.get("name", ""): joint.find("child").get("link", "") for joint in root.findall("joint")}  # type: ignore[union-attr]
     for name, rotor in zip(joints, () if rotors_kg_m2 is None else rotors_kg_m2, strict=rotors_kg_m2 is not None):
@@ -114,11 +116,7 @@ def _hulled(links: Mapping[str, Element], shapes: list[Shape]) -> tuple[dict[str
     for name, link in links.items():
         meshes = [shape for shape in shapes if shape.link == name and shape.kind == "mesh"]
         for shape, (collision, mesh) in zip(meshes, list(_meshes(link)), strict=True):
-            try:
-                content = None if shape.mesh is None else _hull(shape)
-            except InvalidInput:
-                content = None
-            if content is None:
+            if (content := _hull(shape)) is None:
                 missing[mesh.get("filename", "")] = None
                 link.remove(collision)
                 continue
@@ -137,33 +135,39 @@ def _meshes(link: Element) -> Iterator[tuple[Element, Element]]:
 
 
 def _hull(shape: Shape) -> bytes | None:
-    """The convex hull of a mesh at its scale, as an OBJ file; None where it is flat."""
-    from scipy.spatial import ConvexHull, QhullError
+    """The convex hull of a mesh as an OBJ file; None where it is not known."""
+    from scipy.spatial import ConvexHull
 
-    assert shape.mesh is not None
-    corners = read_corners(shape.mesh)[0] * shape.size_m
-    try:
-        hull = ConvexHull(corners)
-    except QhullError:
+    if (corners := shape.corners_m) is None:
         return None
-    kept = {corner: row for row, corner in enumerate(hull.vertices)}
-    middle = corners[hull.vertices].mean(axis=0)
-    lines = ["v " + " ".join(f"{x:.9g}" for x in corners[corner]) for corner in hull.vertices]
-    for a, b, c in hull.simplices:
+    middle = corners.mean(axis=0)
+    lines = ["v " + " ".join(f"{x:.9g}" for x in corner) for corner in corners]
+    for a, b, c in ConvexHull(corners).simplices:
         out = np.dot(np.cross(corners[b] - corners[a], corners[c] - corners[a]), corners[a] - middle) > 0.0
-        lines.append("f " + " ".join(str(kept[corner] + 1) for corner in ((a, b, c) if out else (a, c, b))))
+        lines.append("f " + " ".join(str(corner + 1) for corner in ((a, b, c) if out else (a, c, b))))
     return ("\n".join(lines) + "\n").encode()
 
 
-def _round_foot(link: Element, leg: Leg, tip: Array) -> None:
-    """A foot of a radius touches as the sphere that plans take it for, whatever shape its link has."""
-    if leg.radius_m <= 0.0 or link.find("collision/geometry/sphere") is not None:
+def _shape_foot(link: Element, leg: Leg, model: RobotModel) -> None:
+    """A foot that is a ball by what its link looks like alone collides, too."""
+    own = [shape for shape in model.shapes if shape.link == leg.foot]
+    if leg.radius_m <= 0.0 or any(shape.collides for shape in own):
         return
-    for collision in link.findall("collision"):
-        link.remove(collision)
     collision = SubElement(link, "collision")
-    SubElement(collision, "origin", {"xyz": " ".join(f"{x:.12g}" for x in tip)})
+    SubElement(collision, "origin", {"xyz": " ".join(f"{x:.12g}" for x in _tip(model, leg))})
     SubElement(SubElement(collision, "geometry"), "sphere", {"radius": f"{leg.radius_m:.12g}"})
+
+
+def _check_weights(root: Element, model: RobotModel) -> None:
+    """Raise InvalidInput, with the link, for masses and inertias that no robot has: that is not the robot then."""
+    for link, why in body_doubts(root, model.legs, model.shapes, model.mounts):
+        raise InvalidInput(f"robot {model.name}: {link}: expected what a body can weigh, got: {why}")
+    total = sum(link_inertia(link)[0] for link in root.findall("link"))
+    if abs(total - model.body.mass_kg) > SPECK * model.body.mass_kg:
+        raise InvalidInput(
+            f"robot {model.name}: expected links of {model.body.mass_kg:.6g} kg in all, as it was planned for, got "
+            f"{total:.6g}"
+        )
 
 
 def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float) -> None:

@@ -246,3 +246,45 @@ def test_options_of_a_terrains_file_are_refused_with_any_other_course(option, re
 def test_a_friction_below_none_is_refused(refusal):
     said = refusal("m.stl", "--start=0,0", "--goal=1,0", "--friction=-1")
     assert said == "--friction: expected a number from 0 on, got -1"
+
+
+GAIT_ALL = """
+name: gall
+frames: 3
+gait: all
+start_m: [0.0, 0.0, 0.20]
+goal_m: [0.1, 0.0, 0.20]
+stride_m: 0.05
+terrain: {kind: flat, friction: 0.6}
+"""
+
+
+def test_the_papers_own_gait_is_planned_and_judged_and_not_run(stancekit):
+    """Decision 0006: only its frames can be checked, and nobody can execute it."""
+    pytest.importorskip("pinocchio")
+    said = "balanced in every frame; cannot be executed: nobody carries between frames"
+    Path("gall.yaml").write_text(GAIT_ALL)
+    planned = stancekit("plan", "gall.yaml", "--out", "gall.json")
+    assert (planned.code, planned.err) == (0, "")
+    assert " ".join(planned.out.split()).count(said) == 1
+    verified = stancekit("verify", "gall.json")
+    assert verified.code == 0
+    assert verified.out.startswith(f"gall.json: accepted: {said}; joints: checked; torque: checked; bodies: checked")
+    for verb in ("run", "simulate"):
+        refused = stancekit(verb, "gall.json")
+        assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
+        assert "expected a plan that can be executed, this one cannot: nobody carries between frames" in refused.err
+
+
+@pytest.mark.parametrize("limit", ["nan", "-1", "soon"])
+def test_a_time_limit_that_is_none_is_refused_in_one_line(stancekit, limit):
+    refused = stancekit("plan", "walls", f"--time-limit-s={limit}")
+    assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
+    assert refused.err.startswith("stancekit: error: --time-limit-s: expected ")
+
+
+def test_what_there_is_when_the_time_ends_is_said_in_one_line(stancekit):
+    ended = stancekit("plan", "walls", "--time-limit-s", "0", "--json")
+    assert (ended.code, ended.records[0]["status"]) == (1, "undecided")
+    assert ended.records[0]["message"] == "the time limit ended before the search for contacts began"
+    assert ended.err == f"stancekit: no plan: walls: {ended.records[0]['message']}\n"

@@ -72,12 +72,12 @@ def plan(tmp_path_factory):
 def test_a_plan_has_joints_and_verify_says_the_same_of_its_file(call):
     code, out, err = call("plan", "flat.yaml", "--out", "plan.json")
     assert (code, err) == (0, "")
-    assert "verifier: accepted: " in out
+    assert "verifier: accepted as far as checked: bodies and motion are not; " in out
     assert "\njoints: checked; torque: checked; bodies, motion: NOT CHECKED (joints LF_HFE, " in out
     Path("dog.urdf").unlink()  # the plan's file is enough
     code, out, err = call("verify", "plan.json")
     assert (code, err) == (0, "")
-    assert out.startswith("plan.json: accepted: ")
+    assert out.startswith("plan.json: accepted as far as checked: bodies and motion are not; ")
     assert "; joints: checked; torque: checked; bodies, motion: NOT CHECKED (joints LF_HFE, " in out
     code, out, err = call("verify", "plan.json", "--json")
     record = json.loads(out)
@@ -129,6 +129,7 @@ def test_a_torque_limit_that_the_file_does_not_say_is_not_checked(call):
     code, out, _ = call("plan", "flat.yaml", "--out", "plan.json")
     assert code == 0
     assert "joints: checked; torque: NOT CHECKED (joints LF_HAA, " in out
+    assert "verifier: accepted as far as checked: torque, bodies and motion are not; no constraint is " in out
     assert out.count("no torque limit") == 1
     code, out, _ = call("verify", "plan.json")
     assert code == 0

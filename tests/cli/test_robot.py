@@ -92,3 +92,17 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert said.out == ""
     assert said.err.count("\n") == 1
     assert message in said.err
+
+
+def test_without_a_robot_it_lists_those_with_a_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(Robot(json=True)) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert rows[0] == {"name": "hexapod", "provider": "stancekit", "installed": True}
+    assert {row["name"]: row["provider"] for row in rows}["go1"] == "example-robot-data"
+    assert run(Robot()) == 0
+    assert "anymal_b" in capsys.readouterr().out
+
+
+def test_an_option_wants_a_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(Robot(picture=Path("robot.png"))) == 2
+    assert capsys.readouterr().err == "stancekit: error: --picture: expected a robot with it, got none\n"

@@ -300,7 +300,7 @@ def test_a_pose_from_which_feet_would_go_through_a_wall_is_one_line_before_any_m
 def test_a_stop_topic_that_is_pressed_lets_nothing_begin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("roslibpy")
     pytest.importorskip("websockets")
-    from tests.emulators.rosbridge import RosBridge
+    from stancekit.runner.emulators.rosbridge import RosBridge
 
     with RosBridge(["a"]) as bridge:
         bridge.inject("e-stop")

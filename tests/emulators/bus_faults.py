@@ -9,13 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from stancekit.runner.emulators.bus_process import BusProcess
+from stancekit.runner.emulators.servo_bus import ServoBus
 from stancekit.runner.worlds.dynamixel.calibration import Calibration
 from stancekit.runner.worlds.dynamixel.control_table import RAD, TICKS
 
-from .servo_bus import FAULTS, BusProcess, ServoBus
-
 HOST_KILLED, WRONG_CALIBRATION = "host killed", "wrong calibration"
-KINDS = (*FAULTS, WRONG_CALIBRATION, HOST_KILLED)
+BUS = ("silent servo", "corrupted packet", "corrupted packets", "delay", "overload", "power loss", "cable pulled")
+KINDS = (*BUS, WRONG_CALIBRATION, HOST_KILLED)
 
 
 class BusFaults:

@@ -112,7 +112,7 @@ def opened(address: str, profile: Path, size_px: tuple[int, int] = (800, 600), *
         at = next(found for line in browser.stderr if (found := re.search(r"ws://(127\.0\.0\.1:\d+)/", line)))
         with urlopen(f"http://{at[1]}/json/list") as answer:
             tab = next(tab for tab in json.load(answer) if tab["type"] == "page")
-        with connect(tab["webSocketDebuggerUrl"], max_size=None) as line:
+        with connect(tab["webSocketDebuggerUrl"], max_size=None, open_timeout=PATIENCE_S) as line:
             shown = Tab(line)
             shown.ask("Page.enable")
             shown.ask("Page.addScriptToEvaluateOnNewDocument", source=SELDOM if draws else SELDOM + UNDRAWN)

@@ -15,10 +15,10 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
-from tests.emulators.rosbridge import RosBridge
 
 ROBOT = hexapod()
 JOINTS = joint_names(ROBOT)

@@ -11,9 +11,9 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import walker_of
-from stancekit.runner.acceptance import walker
 from stancekit.runner.control.body_feedback import BodyPose
 from stancekit.runner.control.foot_placement import WITH_FEET, ContactFeedback, FootPlacement
 from stancekit.runner.motion.motion import MotionSample
@@ -27,7 +27,8 @@ UP = np.array([0.0, 0.0, 0.01])
 
 @pytest.fixture(scope="module")
 def kinematics() -> Kinematics:
-    return Kinematics(walker(walker_of(model_of(quadruped(), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3}))))
+    model = model_of(quadruped(), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3})
+    return Kinematics(walking_robot(walker_of(model)))
 
 
 def standing(kinematics: Kinematics) -> tuple[Array, MotionSample]:

@@ -15,8 +15,9 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.verify import check_plan
-from stancekit.runner.acceptance import Accepted, AcceptedGait, proven, walker
+from stancekit.runner.acceptance import Accepted, AcceptedGait, proven
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from tests.emulators.memory_world import MemoryWorld
@@ -123,7 +124,7 @@ def test_what_is_no_plan_at_all_is_refused_in_one_line(good: Plan) -> None:
 def test_a_gait_whose_digest_was_made_up_or_remembered_moves_nothing(gait: Attempted) -> None:
     good = gait.trajectory
     assert good is not None
-    robot, world = walker(good.robot), MemoryWorld()
+    robot, world = walking_robot(good.robot), MemoryWorld()
     higher = good.feet_m.copy()
     higher[:, 0, 2] += 0.05
     bad = replace(good, feet_m=higher)

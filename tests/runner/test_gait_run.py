@@ -14,10 +14,11 @@ pytest.importorskip("mujoco")
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.runner.acceptance import AcceptedGait, walker
+from stancekit.runner.acceptance import AcceptedGait
 from stancekit.runner.motion.gait_motion import SETTLE_S, GaitMotion, footholds
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
@@ -85,15 +86,15 @@ def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(gait:
     path.write_text(path.read_text().replace('"friction": 0.75', '"friction": 0.85'))
     with pytest.raises(InvalidInput, match="its digest does not fit its contents"):
         AcceptedGait.from_file(path)
-    with pytest.raises(InvalidInput, match="expected a gait of the hexapod, whose joints are known, got one of anymal"):
-        walker(anymal())
-    assert walker(hexapod_walker()).mass_kg == hexapod_walker().mass_kg
+    with pytest.raises(InvalidInput, match=r"the joints of anymal, 29\.5 kg on 4 feet, are not known"):
+        walking_robot(anymal())
+    assert walking_robot(hexapod_walker()).mass_kg == hexapod_walker().mass_kg
 
 
 def test_feet_that_stick_are_in_no_world(accepted: AcceptedGait) -> None:
     sticky = replace(accepted.trajectory, adhesive=np.arange(6) < 2)
     refused = replace(accepted, trajectory=sticky, digest=check_trajectory(sticky).digest)
-    with pytest.raises(InvalidInput, match=r"walk.json: expected feet that only push, got \w+, \w+ that stick"):
+    with pytest.raises(InvalidInput, match=r"this one cannot: no world has feet that stick, as \w+, \w+ do"):
         walked(refused, "mujoco")
 
 

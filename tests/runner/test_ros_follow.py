@@ -14,11 +14,11 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, reset
-from tests.emulators.rosbridge import RosBridge
 
 
 @pytest.mark.parametrize("ros", [1, 2])

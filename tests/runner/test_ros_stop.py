@@ -14,11 +14,11 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import HardwareFault
+from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, reset
-from tests.emulators.rosbridge import RosBridge
 
 MANAGED = QUICK | {"controller_manager": "/controller_manager"}
 

@@ -21,6 +21,7 @@ from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.command import command
+from stancekit.runner.emulators.servo_bus import ServoBus
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
@@ -29,7 +30,6 @@ from stancekit.runner.worlds.dynamixel import port
 from stancekit.runner.worlds.dynamixel.calibration import Turning, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
-from tests.emulators.servo_bus import ServoBus
 
 SERVOS = Actuators(joints={"*": "XM540-W270"})
 RATE_HZ = 50.0

@@ -25,6 +25,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Tracker
+from stancekit.runner.emulators.servo_bus import ServoBus
 from stancekit.runner.motion.time_parametrization import BLIND
 from stancekit.runner.motion.timeline import PlanMotion, Timing
 from stancekit.runner.prepared import Prepared
@@ -38,7 +39,6 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.memory_world import MemoryWorld
-from tests.emulators.servo_bus import ServoBus
 
 ROBOT = hexapod()
 START = np.tile([0.2, 0.5, -0.3, 1.0], 6)

@@ -9,11 +9,8 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import Plan, PlanOutcome
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.problem.course import Course
-from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.reach_sets import refuted
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.search.whole_body_outcome import judged_whole_body
 from stancekit.planners.verify import Report, explain
 
 from .scenario import Scenario
@@ -22,8 +19,8 @@ SHARES = (0.8, 1.0)
 """Of the friction, that a plan is looked for with while the scene is changed."""
 QUICK_S, QUICK_NODES, QUICK_STEPS = 0.15, 20, 6
 """Time, nodes and steps of SCP of the search over patches while the scene is changed, for each share."""
-PATIENT_S = 20.0
-"""Time of all searches when nobody changes it any more."""
+PATIENT_S = 60.0
+"""Time for all of an answer when nobody changes it any more: that of ``stancekit plan``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,10 +55,10 @@ def quick_answer(scenario: Scenario) -> Answer:
         course = scenario.course()
         laid = time.process_time()
         planner = TwoStageCoursePlanner(time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS)
-        outcome = replan(None, course, planner=planner, shares=SHARES)
+        outcome = plan_course(scenario.course, planner, shares=SHARES, presses=(), limits=None)
     except StancekitError as error:
         return Answer(message=str(error), seconds=(time.process_time() - begin, 0.0))
-    return _answer(course, outcome, (laid - begin, time.process_time() - laid))
+    return _answer(outcome, course, (laid - begin, time.process_time() - laid))
 
 
 def patient_answer(scenario: Scenario) -> Answer:
@@ -70,34 +67,24 @@ def patient_answer(scenario: Scenario) -> Answer:
     try:
         course = scenario.course()
         laid = time.process_time()
-        planner = TwoStageCoursePlanner(time_limit_s=PATIENT_S)
-        outcome = plan_with_reserve(planner, course)
-        if outcome.certificate is not None and course.robot.model is not None:
-            around = scenario.course("outer")
-            course, outcome = refuted(course, outcome, around, planner.solve(around))
-        outcome, report = judged_whole_body(outcome)
+        deadline = time.perf_counter() + PATIENT_S
+        outcome = plan_course(scenario.course, TwoStageCoursePlanner(time_limit_s=PATIENT_S), deadline=deadline)
     except StancekitError as error:
         return Answer(message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0))
-    return _answer(course, outcome, (laid - begin, time.process_time() - laid), report, patient=True)
+    return _answer(outcome, course, (laid - begin, time.process_time() - laid), patient=True)
 
 
-def _answer(
-    course: Course,
-    outcome: PlanOutcome,
-    seconds: tuple[float, float],
-    report: Report | None = None,
-    *,
-    patient: bool = False,
-) -> Answer:
-    message = outcome.message
-    if outcome.certificate is not None:
-        message = explain(course, outcome.certificate).message
-        if course.robot.model is not None and not patient:
-            message += ", for what its legs surely reach"
+def _answer(outcome: PlanOutcome, asked: Course, seconds: tuple[float, float], *, patient: bool = False) -> Answer:
+    """The answer that an outcome is. asked: the scene's own course, where the outcome is not of a problem."""
+    message, report = outcome.message, outcome.report
+    if outcome.certificate is not None and outcome.problem is not None:
+        message = explain(outcome.problem, outcome.certificate).message
+        if outcome.sets is not None:
+            message += f", over the {outcome.sets} sets of its legs"
     elif report is not None and not report.accepted:
         message = report.message + (f"; {report.failures}" if report.failures else "")
     share = 1.0 if outcome.plan is None else float(outcome.plan.provenance.get("friction_share", 1.0))
     return Answer(
-        course=course, status=outcome.status, plan=outcome.plan, message=message, report=report, patient=patient,
-        share=share, seconds=seconds,
+        course=outcome.problem or asked, status=outcome.status, plan=outcome.plan, message=message, report=report,
+        patient=patient, share=share, seconds=seconds,
     )  # fmt: skip

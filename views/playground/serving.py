@@ -12,17 +12,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from stancekit.planners.errors import InvalidInput
 
 from ..page import viser_module, viser_server
-from .playground import Playground
-from .scenario import Scenario
-from .walk_page import WalkPage
-from .walk_scenario import WalkScenario
 
-Shown = TypeVar("Shown", Playground, WalkPage)
+if TYPE_CHECKING:
+    from .playground import Playground
+    from .scenario import Scenario
+    from .walk_page import WalkPage
+    from .walk_scenario import WalkScenario
+
+Shown = TypeVar("Shown", "Playground", "WalkPage")
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ def served(
     scenario: Scenario, *, robots: Sequence[str] = (), folder: Path = Path(), host: str = "127.0.0.1", port: int = 0
 ) -> Iterator[Page[Playground]]:
     """A playground that is served while the block runs. Raises StancekitError for a scene that is no course."""
+    from .playground import Playground
+
     scenario.course()
     with _served(lambda server: Playground(server, scenario, robots=robots, folder=folder), host, port) as page:
         yield page
@@ -71,6 +75,8 @@ def served_walk(
     scenario: WalkScenario, *, robots: Sequence[str] = (), folder: Path = Path(), host: str = "127.0.0.1", port: int = 0
 ) -> Iterator[Page[WalkPage]]:
     """A playground of walks that is served while the block runs. Raises InvalidInput for what is no walk."""
+    from .walk_page import WalkPage
+
     scenario.task()
     with _served(lambda server: WalkPage(server, scenario, robots=robots, folder=folder), host, port) as page:
         yield page

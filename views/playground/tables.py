@@ -15,7 +15,7 @@ from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.verify import Report
-from stancekit.planners.verify.report import WHOLE_BODY
+from stancekit.planners.verify.report import WHOLE_BODY, accepted_as_far
 
 from ..plan_motion import Moment
 from ..sheet import ACCENT, INK, QUIET, RULE, leg_colour
@@ -119,7 +119,8 @@ def _words(answer: Answer) -> tuple[str, str, str]:
         return ACCENT, "No plan, and that is proved" if answer.patient else "No plan", answer.message
     if answer.accepted:
         assert answer.report is not None
-        return GOOD, "Accepted", _accepted(answer.report)
+        title, *_ = accepted_as_far(answer.report.unchecked).capitalize().partition(":")
+        return GOOD, title, _accepted(answer.report)
     if answer.plan is not None and not answer.patient:
         return UNSURE, "Contacts hold", "Joints, torques and bodies are judged once nothing is changed."
     if answer.plan is not None:
@@ -132,7 +133,8 @@ def _accepted(report: Report) -> str:
     """What was judged, and what could not be."""
     groups = {name: getattr(report, name)["verdict"] for name in WHOLE_BODY}
     done = ["contacts", *(name for name in groups if groups[name] == "checked")]
-    words = f"{report.message.removeprefix('accepted: ')}. Judged: {', '.join(done)}."
+    finding = report.message.removeprefix(accepted_as_far(report.unchecked)).lstrip(":; ")
+    words = f"{finding}. Judged: {', '.join(done)}."
     if len(done) <= len(groups):
         words += f" {report.joints_message}."
     return words[0].upper() + words[1:]

@@ -11,6 +11,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.verify.report import accepted_as_far
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..plans import GOAL
@@ -141,8 +142,11 @@ class WalkPage:
             if not answer.done:
                 self._say(UNSURE, "Walk is being planned", answer.message, took)
                 return
-            self._say(GOOD if answer.accepted else ACCENT, "Accepted" if answer.accepted else "No walk",
-                      answer.message.removeprefix("accepted: "), took)  # fmt: skip
+            title, text = "No walk", answer.message
+            if answer.accepted and answer.report is not None:
+                word = accepted_as_far(answer.report.unchecked)
+                title, text = word.partition(":")[0].capitalize(), text.removeprefix(word).lstrip(":; ")
+            self._say(GOOD if answer.accepted else ACCENT, title, text, took)
             if answer.trajectory is not None:
                 self._view = GaitView(answer.trajectory)
                 self._player.show(0.0, answer.trajectory.duration_s)

@@ -1,5 +1,6 @@
 """Start and goal: at rest at the start (y₋₁ = y₋₂ = y₀), with the torso over the given point and heading; over the
-goal at the end (paper W §V: "the target position is added as a hard constraint on the X-Y plane")."""
+goal at the end, with the heading asked for there, if one is (paper W §V: "the target position is added as a hard
+constraint on the X-Y plane")."""
 
 from __future__ import annotations
 
@@ -35,6 +36,15 @@ def start(structure: Structure) -> tuple[Constraint, Constraint]:
 def goal(structure: Structure) -> Constraint:
     """p_xy = goal at t = T, in metres: a hard constraint (paper W §V)."""
     return over(structure, "goal", structure.nodes - 1, structure.task.goal_xy_m)
+
+
+def heading_end(structure: Structure) -> Constraint | None:
+    """heading = end yaw (radians) at t = T, where the task asks for one."""
+    if structure.task.end_yaw_rad is None:
+        return None
+    heading = np.array([structure.task.end_yaw_rad])
+    yaw = csr_array(structure.layout.torso_rows(structure.times_s[-1:])[[5]])
+    return Constraint("heading end", heading, heading, (), yaw)
 
 
 def over(structure: Structure, name: str, node: int, xy_m: Array) -> Constraint:

@@ -1,4 +1,4 @@
-"""Initial guesses: a straight, level-headed walk that follows the terrain, one along key frames, and perturbations."""
+"""Initial guesses: a straight walk that turns evenly and follows the terrain, one along key frames, perturbations."""
 
 from __future__ import annotations
 
@@ -38,21 +38,16 @@ def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
     task, names, walk = structure.task, structure.task.robot.foot_names, Walk(structure)
     if set(names) != set(frames.limbs):
         raise InvalidInput(f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}")
-    path = task.goal_xy_m - task.start_xy_m
-
-    def shares(times_s: Array) -> Array:
-        return np.asarray((walk.torso_xy(times_s) - task.start_xy_m) @ path / float(path @ path))
-
     def footholds(number: int) -> Array:
         phases = structure.layout.feet[number].phases
         times = np.array([np.mean(phases.stance(index)) for index in range(phases.swings + 1)])
         times[[0, -1]] = 0.0, task.duration_s
-        nearest = np.rint(shares(times) * (len(frames.toes_m) - 1)).astype(np.intp)
+        nearest = np.rint(walk.share(times) * (len(frames.toes_m) - 1)).astype(np.intp)
         toes = frames.toes_m[np.clip(nearest, 0, len(frames.toes_m) - 1), frames.limbs.index(names[number])]
         return np.column_stack([toes[:, :2], task.terrain.height(toes[:, :2])])
 
     x = np.array(terrain_following(structure))
-    torso = frames.com_at(shares(structure.layout.torso_times_s))
+    torso = frames.com_at(walk.share(structure.layout.torso_times_s))
     x[structure.layout.torso[:, :3]] = structure.chart.torso_bar(torso)
     return _with_feet(x, structure, walk, footholds)
 
@@ -89,26 +84,38 @@ class Walk:
         self._begins_s = max(0.5 * min(edge[1] for edge in edges), 1e-3)
         self._ends_s = structure.task.duration_s - 0.5 * min(edge[-1] - edge[-2] for edge in edges)
 
-    def torso_xy(self, times_s: Array) -> Array:
-        """Along the line from start to goal, with smooth ends, shape (K, 2) [m]."""
+    def share(self, times_s: Array) -> Array:
+        """How much of the way is behind the torso, with smooth ends, shape (K,)."""
         share = np.clip((np.asarray(times_s) - self._begins_s) / (self._ends_s - self._begins_s), 0.0, 1.0)
-        share = _eased(share, RAMP)[:, None]
+        return _eased(share, RAMP)
+
+    def torso_xy(self, times_s: Array) -> Array:
+        """Along the line from start to goal, shape (K, 2) [m]."""
+        share = self.share(times_s)[:, None]
         return (1.0 - share) * self._task.start_xy_m + share * self._task.goal_xy_m
+
+    def yaw(self, times_s: Array) -> Array:
+        """From the heading at the start evenly along the way to that at the end, shape (K,) [rad]."""
+        start, end = self._task.yaws()
+        return np.asarray(start + self.share(times_s) * (end - start))
 
     def torso(self, times_s: Array) -> tuple[Array, Array]:
         """p_WB, shape (K, 3) [m], and R_WB, (K, 3, 3): along the smoothed terrain, at stand height from its slope."""
         xy = self.torso_xy(times_s)
         height, slope = self._body.height_and_gradient(xy)
         lift = self._task.robot.stand_height_m * np.sqrt(1.0 + np.sum(slope**2, axis=1))
-        yaws = _yaws(np.full(len(xy), self._task.start_yaw_rad))
+        yaws = _yaws(self.yaw(times_s))
         return np.column_stack([xy, height + lift]), np.asarray(_shear_rotations(slope) @ yaws)
 
     def torso_bar(self, times_s: Array) -> Array:
         """(p̄, θ̄), shape (K, 6)."""
         p, rotation = self.torso(times_s)
-        chart = self._structure.chart
-        level = np.tile([0.0, 0.0, self._task.start_yaw_rad], (len(p), 1))
-        return np.column_stack([chart.torso_bar(p), level if chart.flat else euler_angles(rotation)])
+        chart, yaw = self._structure.chart, self.yaw(times_s)
+        angles = np.column_stack([np.zeros((len(p), 2)), yaw])
+        if not chart.flat:
+            angles = euler_angles(rotation)
+            angles[:, 2] += 2.0 * np.pi * np.rint((yaw - angles[:, 2]) / (2.0 * np.pi))
+        return np.column_stack([chart.torso_bar(p), angles])
 
     def footholds(self, foot: int) -> Array:
         """Where a foot stands, stance by stance, shape (S + 1, 3): on the ground where its nominal place, in the axes

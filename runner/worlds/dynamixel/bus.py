@@ -6,11 +6,13 @@ The SDK's group readers drop the error byte of every answer, so its packet handl
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import termios
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +20,14 @@ from numpy.typing import NDArray
 from stancekit.planners.errors import HardwareFault, InvalidInput
 
 from ...safety.latch import StopLatch
-from .control_table import HARDWARE_ERROR, LATENCY_MS, Register, hardware_errors
+from .control_table import HARDWARE_ERROR, LATENCY_MS, SHUTDOWN, Register, hardware_errors
 
 Bytes = NDArray[np.uint8]
-ALERT, CORRUPT = 0x80, -3002
+ALERT = 0x80
+SOUND, SILENT, CORRUPT = 0, -3001, -3002
+"""Results of the SDK: an answer that is whole, none at all, and one that is damaged."""
 PATIENCE = 2
-BLAMED = 3
-"""So many silent servos are named before the search for more ends: each takes 34 ms."""
+log = logging.getLogger(__name__)
 
 
 class ServoBus:
@@ -33,7 +36,8 @@ class ServoBus:
     ids, names: of the servos and of their joints. retries: how often a damaged or late answer is asked for again.
     latency_ms: how long beyond its bytes' own time an answer may take. latch: every write passes it, or is refused with
     Stopped, but for reading and for what says that it stops the robot.
-    ``retried`` counts damaged and late answers. Raises InvalidInput where the SDK is not installed.
+    ``retried`` counts damaged and late answers; ``fast``: all servos are read by Fast Sync Read. Raises InvalidInput
+    where the SDK is not installed.
     """
 
     def __init__(
@@ -55,7 +59,7 @@ class ServoBus:
             ) from None
         self.port, self.baud, self.ids, self.names = port, baud, list(ids), list(names)
         self.fast, self.retried = False, 0
-        self._retries, self._packets, self._latency_ms = retries, PacketHandler(2.0), latency_ms
+        self._retries, self._packets, self.latency_ms = retries, PacketHandler(2.0), latency_ms
         self._latch = StopLatch() if latch is None else latch
         self._handler: Any = None
 
@@ -64,7 +68,7 @@ class ServoBus:
         from .port import ServoPort
 
         handler = ServoPort(self.port)
-        handler.latency_ms = self._latency_ms
+        handler.latency_ms = self.latency_ms
         try:
             handler.setBaudRate(self.baud)
         except (OSError, termios.error) as error:
@@ -85,12 +89,68 @@ class ServoBus:
     def ping(self, index: int) -> int | None:
         """The model number of a servo; None where it is silent."""
         for _ in range(2):
-            with self._talking():
-                number, result, _ = self._packets.ping(self._handler, self.ids[index])
-            if result == 0:
-                return int(number)
-            self._again()
+            number, result, _ = self.reach(index)
+            if result == SOUND:
+                return number
+            self.retried += 1
         return None
+
+    def reach(self, index: int, latency_ms: float | None = None) -> tuple[int, int, float]:
+        """Ping a servo once: its model number, the SDK's result, and how long that took [s].
+
+        latency_ms: in place of the port's, for an answer that may be late. The bus is quiet afterwards.
+        """
+        with self._talking():
+            before, began = self._handler.latency_ms, time.monotonic()
+            self._handler.latency_ms = before if latency_ms is None else latency_ms
+            try:
+                number, result, _ = self._packets.ping(self._handler, self.ids[index])
+                took_s = time.monotonic() - began
+                if result != SOUND:
+                    self._handler.settle()
+            finally:
+                self._handler.latency_ms = before
+        return int(number), int(result), took_s
+
+    def read_one(self, index: int, address: int, size: int) -> int:
+        """Read bytes of one servo once: the SDK's result."""
+        with self._talking():
+            data, result, _ = self._packets.readTxRx(self._handler, self.ids[index], address, size)
+            if result != SOUND:
+                self._handler.settle()
+        return CORRUPT if result == SOUND and len(data) != size else int(result)
+
+    def ids_at(self, baud: int) -> list[int]:
+        """Ids of all servos that answer at this baud rate, at which the port stays."""
+        with self._talking():
+            try:
+                self._handler.setBaudRate(baud)
+            except (ValueError, termios.error):  # a baud rate that the adapter does not have
+                return []
+            found, _ = self._packets.broadcastPing(self._handler)
+            self._handler.settle()
+        return sorted(map(int, found))
+
+    def listen(self) -> bool:
+        """Whether nothing comes that nobody asked for; an adapter that sends back what it is sent is noticed."""
+        ping = bytes(self._packet_of_ping())
+        with self._talking():
+            handler = self._handler
+            handler.echo = False
+            if not handler.settle():
+                return False
+            handler.writePort(list(ping))
+            handler.setPacketTimeout(2 * len(ping))
+            came = bytearray()
+            while len(came) < len(ping) and not handler.isPacketTimeout():
+                came += handler.readPort(len(ping) - len(came))
+            handler.echo = bytes(came) == ping
+            return bool(handler.settle())
+
+    def calm(self, quiet_s: float) -> bool:
+        """Wait until nothing has come for so long; whether the bus became quiet."""
+        with self._talking():
+            return bool(self._handler.settle(1e3 * quiet_s))
 
     @contextmanager
     def patient(self) -> Iterator[None]:
@@ -145,14 +205,23 @@ class ServoBus:
 
         alerts: whether a servo in error is one; False to read on in spite of it.
         """
-        for _ in range(1 + self._retries):
-            table, raised = self._read_once(address, size)
+        table, raised = self._read_some(address, size, 1 + self._retries)
+        if table is None and self.fast:
+            self.fast = False
+            table, raised = self._read_some(address, size, 1 + self._retries)
             if table is not None:
-                if alerts and raised.any():
-                    self._raise_alert(raised)
-                return table
-            self._again()
-        return self._blame()
+                log.warning("port %s: Fast Sync Read is not answered; Sync Read is used instead", self.port)
+        if table is None:
+            from .diagnosis import blame
+
+            blame(self, address, size)
+        if alerts and raised.any():
+            self._raise_alert(raised)
+        return table
+
+    def peek(self, address: int, size: int) -> Bytes | None:
+        """As ``read_all``, but asked twice at most; None where an answer is missing or damaged."""
+        return self._read_some(address, size, 2)[0]
 
     def reboot(self, index: int) -> None:
         """Start a servo anew, torque off: the only way out of a shutdown."""
@@ -164,6 +233,15 @@ class ServoBus:
         found = [self.label(int(index)) for index in np.flatnonzero(wrong)]
         if found:
             raise HardwareFault(f"{listed(found)}: {why}")
+
+    def _read_some(self, address: int, size: int, times: int) -> tuple[Bytes | None, NDArray[np.bool_]]:
+        """As ``_read_once``, asked so many times at most."""
+        for _ in range(times):
+            table, raised = self._read_once(address, size)
+            if table is not None:
+                break
+            self._again()
+        return table, raised
 
     def _read_once(self, address: int, size: int) -> tuple[Bytes | None, NDArray[np.bool_]]:
         """The bytes, None where an answer is missing or damaged; and who raised the alert bit."""
@@ -188,10 +266,14 @@ class ServoBus:
         return table, alerts
 
     def _raise_alert(self, alerts: NDArray[np.bool_]) -> None:
-        """Say what is wrong with the servos that raised the alert bit."""
+        """Say what is wrong with the servos that raised the alert bit, and what to do."""
         errors = self.read_all(HARDWARE_ERROR.address, 1, alerts=False)[:, 0]
-        found = [f"{self.label(i)}: {hardware_errors(int(errors[i]))}" for i in np.flatnonzero(alerts).tolist()]
-        raise HardwareFault(f"{listed(found)}; its torque is off until it is rebooted")
+        off = errors & self.read_all(SHUTDOWN.address, 1, alerts=False)[:, 0]
+        hit = np.flatnonzero(alerts).tolist()
+        found = [f"{self.label(i)}: {hardware_errors(int(errors[i]))}" for i in hit]
+        shut = off[hit].any()
+        what = "off until it is rebooted" if shut else "still on: see to that, then reboot it"
+        raise HardwareFault(f"{listed(found)}; its torque is {what}")
 
     def _again(self) -> None:
         """An answer was damaged or late: whatever is still on its way must not be taken for the next one."""
@@ -199,26 +281,11 @@ class ServoBus:
         with self._talking():
             self._handler.settle()
 
-    def _blame(self) -> NoReturn:
-        """Raise HardwareFault that names the servos that answer no ping, not all of them if there are many."""
-        silent = list[str]()
-        for index in range(len(self.ids)):
-            for _ in range(1 + PATIENCE):
-                with self._talking():
-                    _, result, _ = self._packets.ping(self._handler, self.ids[index])
-                    if result != 0:
-                        self._handler.settle()
-                if result == 0:
-                    break
-            else:
-                if result == CORRUPT:
-                    raise HardwareFault(f"port {self.port}: answers come damaged, e.g. that of {self.label(index)}")
-                silent.append(self.label(index))
-            if len(silent) == BLAMED:
-                raise HardwareFault(f"{', '.join(silent)}: no answer, maybe more of them; has the bus power?")
-        if silent:
-            raise HardwareFault(f"{', '.join(silent)}: no answer; is it connected and powered?")
-        raise HardwareFault(f"port {self.port}: answers come damaged or too late")
+    def _packet_of_ping(self) -> list[int]:
+        """An instruction packet that asks the first servo who it is."""
+        head = [0xFF, 0xFF, 0xFD, 0x00, self.ids[0], 3, 0, 1]
+        crc = self._packets.updateCRC(0, head, len(head))
+        return [*head, crc & 0xFF, crc >> 8]
 
     @contextmanager
     def _talking(self, latch: StopLatch | None = None) -> Iterator[None]:
@@ -258,6 +325,8 @@ def _why(error: BaseException) -> str:
         return _why(error.__context__)
     if number in (errno.EAGAIN, errno.EBUSY):
         return "expected a free port, somebody else has it open"
+    if "multiple access" in str(error):  # pyserial read nothing where there should have been something
+        return "the device is gone, or another program reads the port, too"
     if number == errno.ENOTTY:
         return "expected a serial port, got something else"
     if number == errno.ENOENT:

@@ -97,6 +97,12 @@ class Calibration(SetupFile):
         """The servos of these joints."""
         return [self.joints[name] for name in joints]
 
+    def shafts(self, joints: Sequence[str], angles_rad: Array) -> Array:
+        """Angles of the servos' shafts from their tick 2048 [rad] for joint angles, shape (J,) both."""
+        servos = self.ordered(joints)
+        zero = np.array([servo.zero_tick - CENTRE_TICK for servo in servos])
+        return np.array([servo.direction for servo in servos]) * angles_rad + RAD * zero
+
 
 def nominal(joints: Sequence[str], servo: Servo = Servo(), *, port: str, **settings: Any) -> Calibration:
     """A calibration to start from: ids from 1 in the joints' order, zero at the servo's centre, the robot's limits."""

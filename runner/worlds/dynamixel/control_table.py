@@ -36,14 +36,17 @@ GOAL_CURRENT = Register("Goal Current", 102, 2)
 PROFILE_ACCELERATION = Register("Profile Acceleration", 108, 4)
 PROFILE_VELOCITY = Register("Profile Velocity", 112, 4)
 GOAL_POSITION = Register("Goal Position", 116, 4)
+REALTIME_TICK = Register("Realtime Tick", 120, 2)
 PRESENT_CURRENT = Register("Present Current", 126, 2)
 PRESENT_VELOCITY = Register("Present Velocity", 128, 4)
 PRESENT_POSITION = Register("Present Position", 132, 4)
 INDIRECT_ADDRESS = Register("Indirect Address 1", 168, 2)
 INDIRECT_DATA = Register("Indirect Data 1", 224, 1)
 
-WATCHED = (TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG, PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION)
-"""What is read in every control period, gathered in the indirect data: 13 bytes a servo in one answer."""
+WATCHED = (
+    TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG, PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION, REALTIME_TICK,
+)  # fmt: skip
+"""Fields that are read in every control period, gathered in the indirect data: 15 bytes per servo in one answer."""
 WATCHED_BYTES = sum(register.size for register in WATCHED)
 
 TICKS, CENTRE_TICK = 4096, 2048

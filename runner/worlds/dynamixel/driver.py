@@ -2,7 +2,8 @@
 
 Servos run in current-based position control, so that their current, and with it their torque, is limited. Each has its
 bus watchdog set: when nothing is heard of the host for a while, it stops where it is and holds, whatever has happened
-to the host. After a stop no packet leaves but those that read, and those that switch the torque off.
+to the host. After a stop no packet leaves but those that read, and those that switch the torque off. What is measured
+is judged (``MeasurementJudge``), and asked for again, before it is believed.
 """
 
 from __future__ import annotations
@@ -27,12 +28,20 @@ from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import WorldSettings
 from ..world import State, Terrain
 from . import control_table as table
-from .bus import ServoBus, signed
+from .bus import ServoBus, signed, unsigned
 from .calibration import Calibration, Turning
+from .judge import Doubt, MeasurementJudge
 from .setup import check_servos, configure
 
 REST_RAD = 0.35
 """A robot at rest, its torque off, has its joints this near to where the calibration says."""
+OFF = "its torque went off: did it restart, was its power gone?"
+AGAIN_S = 0.02
+"""Two measurements before a robot is believed to be where it says are so far apart."""
+CALM_S = 0.12
+"""After a measurement that may have come late the bus is quiet for so long before the next is asked for."""
+STANDS_RAD_S, STANDING_S = 0.05, 0.2
+"""Servos stand that turn no faster; a hold waits so long for them to."""
 SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is at its stop; one that is farther beyond is calibrated wrong."""
 
@@ -73,6 +82,8 @@ class DynamixelWorld(HardwareWorld):
             calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms, latch=self.latch
         )
         self.capabilities, self.bus_s = self._capable(), 0.0
+        self._judge = MeasurementJudge(self.bus, self.drives.velocity_rad_s)
+        self._driven = False  # goals may have been sent that the servos are still on their way to
         self._found: NDArray[np.bool_] | None = None  # which torques were on before an arming that did not end well
 
     @classmethod
@@ -87,18 +98,18 @@ class DynamixelWorld(HardwareWorld):
         """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
 
         angles_rad: not used, the measured ones come back. position_m, rotation: where the body is taken to be. Raises
-        InvalidInput for a port that is absent or busy, servos of another model, angles beyond their limits, and a robot
-        without torque that is not at rest as calibrated; HardwareFault for silent servos and those in error.
+        InvalidInput for whatever is wrong, for nothing has moved: a port that is absent or busy, servos that are
+        silent, in error or of another model, measurements that cannot be true, angles beyond their limits, and a robot
+        without torque that is not at rest as calibrated.
         """
         self.armed = False
         if not self._open:
             self.bus.open()
             self._open = True
-        with self.bus.patient():
-            check_servos(self.bus, self._kind)
-            configure(self.bus, self._current)
-            self._begin(position_m, rotation)
-            rows = self._watched()
+        try:
+            rows = self._found_out(position_m, rotation)
+        except HardwareFault as fault:
+            raise InvalidInput(str(fault)) from None
         state = self._measured(rows)
         self._check_angles(state.angles_rad)
         if not rows[:, 0].any():
@@ -109,7 +120,8 @@ class DynamixelWorld(HardwareWorld):
     def torque(self, on: bool) -> None:
         """Arm: hold the measured pose, with current limits and watchdogs set; or let go of the robot.
 
-        A servo in a shutdown stays off and raises HardwareFault. Arming clears watchdogs that have stopped their servo.
+        A servo in a shutdown stays off and raises InvalidInput, as does whatever is wrong before the first torque is
+        switched on; HardwareFault after that. Arming clears watchdogs that have stopped their servo.
         The latch is asked for every packet, and after the last. However an arming is interrupted, the torque is off
         afterwards; only a robot that was held before, all of it, is held on. ``hold`` makes sure of that.
         """
@@ -118,16 +130,12 @@ class DynamixelWorld(HardwareWorld):
             return
         if not self._open:
             raise InvalidInput("world: expected reset before torque")
-        with self.bus.patient():
-            self._found = self._watched()[:, 0] > 0
-            try:
-                self._arm()
-                self._found, self._due_s = None, time.monotonic()
-            except BaseException:
-                self.armed = False
-                with suppress(HardwareFault):  # what goes wrong now goes wrong in ``hold``, too, and is told there
-                    self._disarm()
+        try:
+            self._switch_on()
+        except HardwareFault as fault:
+            if self._driven:
                 raise
+            raise InvalidInput(str(fault)) from None
 
     def step(self, targets_rad: Array) -> State:
         """Send targets, wait for the end of the control period, measure.
@@ -153,16 +161,20 @@ class DynamixelWorld(HardwareWorld):
     def hold(self) -> None:
         """Send nothing any more: servos keep the last target they were sent, and no step is taken until armed again.
 
-        A goal of its own would only give up what the servos lean on; their watchdogs hold them where they are. After an
-        arming that was interrupted the torque is as ``torque`` says; raises HardwareFault where it is not.
+        A goal of its own would only give up what the servos lean on; their watchdogs hold them where they are. Waits
+        until they are measured to stand. Raises HardwareFault where they do not in time, or cannot be seen to: then
+        their bus watchdogs stop them, and the message says when. After an arming that was interrupted the torque is as
+        ``torque`` says; raises HardwareFault where it is not.
         """
         self.armed = False
         if self._found is not None:
             self._disarm()
+        elif self._driven:
+            self._stand()
 
     def relax(self) -> None:
         """Torque off everywhere, and make sure of it. Raises HardwareFault that names those that did not say so."""
-        self.armed = False
+        self.armed = self._driven = False
         if not self._open:
             return
         for again in (True, False):
@@ -183,6 +195,41 @@ class DynamixelWorld(HardwareWorld):
         self.armed = self._open = False
         self.bus.close()
 
+    def _found_out(self, position_m: Array, rotation: Array) -> NDArray[np.uint8]:
+        """Check and set up all servos, and measure them twice: what is old or random shows. As ``_watched``."""
+        with self.bus.patient():
+            check_servos(self.bus, self._kind)
+            configure(self.bus, self._current)
+            self._begin(position_m, rotation)
+            self._judge.begin()
+            before = self._watched()
+            time.sleep(AGAIN_S)
+            rows = self._watched()
+            why = self._judge.clocks(unsigned(before[:, 13:15]), unsigned(rows[:, 13:15]))
+            if why:
+                raise HardwareFault(why)
+        return rows
+
+    def _stand(self) -> None:
+        """Wait until no servo turns. Raises HardwareFault where that cannot be seen in time."""
+        within = f"bus watchdogs stop the servos {self.calibration.watchdog_s:g} s after the last packet"
+        until, seen = time.monotonic() + STANDING_S, ""
+        while not seen or time.monotonic() < until:
+            try:
+                rows = self.bus.peek(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
+            except HardwareFault as fault:
+                raise HardwareFault(f"{fault}; {within}") from None
+            seen = f"port {self.bus.port}: servos cannot be seen to stand"
+            if rows is not None:
+                rates = np.abs(signed(rows[:, 5:9])) * table.RAD_S
+                turning = int(np.argmax(rates))
+                seen = f"{self.bus.label(turning)}: still turns at {rates[turning]:.2f} rad/s"
+                if rates[turning] <= STANDS_RAD_S:
+                    self._driven = False
+                    return
+            time.sleep(0.5 * AGAIN_S)
+        raise HardwareFault(f"{seen}; {within}")
+
     def _capable(self) -> WorldCapabilities:
         can = WorldCapabilities.of_servos(self.robot, self.servo, self.rate_hz, senses=False)
         torque = np.array([each.current_a for each in self._servos]) * self._kind.nm_a
@@ -195,6 +242,19 @@ class DynamixelWorld(HardwareWorld):
             # on a desk that of the robot that is planned for: here it is no load
             torque_nm=can.torque_nm if self.calibration.desk else np.minimum(torque, can.torque_nm),
         )
+
+    def _switch_on(self) -> None:
+        """Arm; torque off again where that does not come to its end."""
+        with self.bus.patient():
+            self._found = self._watched()[:, 0] > 0
+            try:
+                self._arm()
+                self._found, self._due_s = None, time.monotonic()
+            except BaseException:
+                self.armed = False
+                with suppress(HardwareFault):  # what goes wrong now goes wrong in ``hold``, too, and is told there
+                    self._disarm()
+                raise
 
     def _arm(self) -> None:
         units = self.calibration.watchdog_units
@@ -209,6 +269,7 @@ class DynamixelWorld(HardwareWorld):
         self._everywhere(table.BUS_WATCHDOG, units)  # before the torque: a host that dies here leaves none without
         rows = self._watched()
         self.bus.refuse(rows[:, 2] != units, f"expected a bus watchdog of {20 * units} ms, got another")
+        self._driven = True
         self._everywhere(table.TORQUE_ENABLE, 1)
         self.armed = True
         self._watched()
@@ -247,14 +308,33 @@ class DynamixelWorld(HardwareWorld):
         self._sent = self._turning.angles(ticks)
 
     def _watched(self) -> NDArray[np.uint8]:
-        """What is read in every period, shape (J, 13), after a look at what the servos say of themselves."""
+        """Bytes that are read in every period, shape (J, 15), after a look at what the servos say of themselves.
+
+        A measurement that cannot be true is asked for once more, after a pause. Raises HardwareFault.
+        """
+        before = self.bus.retried
         rows = self.bus.read_all(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
+        once = self.bus.retried == before  # no question is open whose answer may have been taken for this one
+        if (doubt := self._doubt(rows, calm=once)).why:
+            self.bus.retried += 1
+            self.bus.calm(CALM_S if doubt.late else 1e-3 * self.bus.latency_ms)
+            rows = self.bus.read_all(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
+            if why := self._doubt(rows, calm=True).why:
+                if self.armed:  # one that restarted has lost its indirect addresses, too
+                    torque = self.bus.read_all(table.TORQUE_ENABLE.address, 1)
+                    self.bus.refuse(torque[:, 0] == 0, OFF)
+                raise HardwareFault(why)
         for index in np.flatnonzero(rows[:, 1]):
             raise HardwareFault(f"{self.bus.label(int(index))}: {table.hardware_errors(int(rows[index, 1]))}")
         if self.armed:
             self.bus.refuse(rows[:, 2] == table.TRIPPED, "its bus watchdog stopped it: the host was silent")
-            self.bus.refuse(rows[:, 0] == 0, "its torque went off: was its power gone?")
+            self.bus.refuse(rows[:, 0] == 0, OFF)
         return rows
+
+    def _doubt(self, rows: NDArray[np.uint8], *, calm: bool = False) -> Doubt:
+        """Whether these bytes cannot be true, as ``MeasurementJudge.doubt``."""
+        position, velocity = signed(rows[:, 9:13]), signed(rows[:, 5:9])
+        return self._judge.doubt(time.monotonic(), position, velocity, unsigned(rows[:, 13:15]), calm=calm)
 
     def _measured(self, rows: NDArray[np.uint8]) -> State:
         current, rate = signed(rows[:, 3:5]), signed(rows[:, 5:9])

@@ -15,20 +15,28 @@ WAIT_S = 0.002
 """How long a read sleeps for bytes before the SDK looks at its own time limit."""
 WRITE_S = 0.1
 """How long a packet may take to be handed to the kernel."""
+FLOOD_BYTES = 2048
+"""So many bytes more than an answer has are no answer: somebody sends without end."""
+RESTLESS = 8
+"""So many times as long as a bus has to be quiet, it may take to become so."""
 
 
 class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
-    """As the SDK's, but locked, waiting in the kernel instead of spinning, and timed by the monotonic clock.
+    """A port as the SDK's, but locked, waiting in the kernel instead of spinning, and timed by the monotonic clock.
 
-    ``latency_ms``: how long beyond the bytes' own time an answer may take. ``latch``: what is written passes it, or is
-    refused with Stopped; None for what moves nothing.
+    latency_ms: how long beyond the bytes' own time an answer may take. latch: gate of every write, refused with Stopped
+    after a stop; None for what moves nothing. echo: whether the adapter sends back what it is sent, which is swallowed.
     """
 
     latency_ms = LATENCY_MS
     latch: StopLatch | None = None
+    echo = False
+    _expected = _come = 0
 
     def setupPort(self, cflag_baud: int) -> bool:
         """Open and lock. Raises OSError, BlockingIOError where somebody else has the port."""
+        if self.is_open:  # another baud rate of a port that is ours
+            self.closePort()
         probe = os.open(self.port_name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             fcntl.flock(probe, fcntl.LOCK_EX | fcntl.LOCK_NB)  # before anything disturbs who has it
@@ -42,9 +50,24 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
     def writePort(self, packet: list[int]) -> int:
         """Hand a packet to the kernel: the last moment at which it can be kept back."""
         if self.latch is None:
-            return int(super().writePort(packet))
-        with self.latch.sending():
-            return int(super().writePort(packet))
+            written = int(super().writePort(packet))
+        else:
+            with self.latch.sending():
+                written = int(super().writePort(packet))
+        if self.echo:
+            self.setPacketTimeout(len(packet))
+            left = len(packet)
+            while left > 0 and not self.isPacketTimeout():
+                left -= len(self.readPort(left))
+        return written
+
+    def readPort(self, length: int) -> bytes:
+        """Bytes that have come, up to so many; none of a flood, from which the SDK would read for ever."""
+        if self._come > self._expected + FLOOD_BYTES:
+            return b""
+        found = bytes(super().readPort(length))
+        self._come += len(found)
+        return found
 
     def getCurrentTime(self) -> float:
         """Milliseconds; the SDK takes the wall clock, which jumps."""
@@ -52,12 +75,33 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
 
     def setPacketTimeout(self, packet_length: int) -> None:
         """Start waiting for an answer of so many bytes."""
-        self.packet_start_time = self.getCurrentTime()
-        self.packet_timeout = self.tx_time_per_byte * packet_length + 2.0 * self.latency_ms + 2.0
+        self.setPacketTimeoutMillis(
+            self.tx_time_per_byte * packet_length + 2.0 * self.latency_ms + 2.0
+        )
+        self._expected = packet_length
 
-    def settle(self) -> None:
-        """Wait until nothing comes any more: a late answer must not be taken for the next one."""
-        quiet_ms, since = self.latency_ms, self.getCurrentTime()
-        while self.getCurrentTime() - since < quiet_ms:
-            if self.readPort(1024):
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        """Start waiting for so long."""
+        self.packet_start_time, self.packet_timeout = self.getCurrentTime(), msec
+        self._expected = self._come = 0
+
+    def isPacketTimeout(self) -> bool:
+        """Whether the answer is late; one that has come while this process slept is not."""
+        if self.getTimeSinceStart() <= self.packet_timeout:
+            return False
+        return self._come > self._expected + FLOOD_BYTES or not self.ser.in_waiting
+
+    def settle(self, quiet_ms: float | None = None) -> bool:
+        """Wait until nothing has come for so long, or ``latency_ms``: a late answer must not be taken for the next.
+
+        Returns whether the bus became quiet.
+        """
+        quiet_ms = self.latency_ms if quiet_ms is None else quiet_ms
+        began = since = self.getCurrentTime()
+        self._come = 0
+        while (now := self.getCurrentTime()) - since < quiet_ms:
+            if now - began > RESTLESS * quiet_ms:
+                return False
+            if super().readPort(1024):
                 since = self.getCurrentTime()
+        return True

@@ -9,6 +9,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 
 from . import control_table as table
 from .bus import ServoBus, listed, unsigned
+from .diagnosis import BABBLE, late, unanswered
 
 ROUNDS = 3
 """How often a setting that did not arrive is written."""
@@ -17,17 +18,25 @@ ROUNDS = 3
 def check_servos(bus: ServoBus, model: table.Model) -> None:
     """All are there, of this model, with a bus watchdog; the bus reads fast if all can.
 
-    Raises HardwareFault for silent servos, InvalidInput for other models and old firmware.
+    Servos are told to answer reads and writes (Status Return Level 2), before anything is read. Raises HardwareFault
+    for silent servos and a bus that cannot be talked to, InvalidInput for other models and old firmware.
     """
+    if not bus.listen():
+        raise HardwareFault(f"port {bus.port}: {BABBLE}")
     count = len(bus.ids)
-    numbers = [bus.ping(i) for i in range(count)]
-    silent = [bus.label(i) for i, number in enumerate(numbers) if number is None]
+    numbers = list[int | None]()
+    for index in range(count):
+        numbers.append(bus.ping(index))
+        if numbers.count(None) == 1 and numbers[-1] is None:
+            late(bus, index)
+    silent = [i for i, number in enumerate(numbers) if number is None]
     if silent:
-        raise HardwareFault(f"port {bus.port}: no answer from {listed(silent)}")
+        unanswered(bus, silent)
     others = [f"{bus.label(i)} is model {number}" for i, number in enumerate(numbers) if number != model.number]
     if others:
         raise InvalidInput(f"port {bus.port}: expected servos {model.name} (model {model.number}): {listed(others)}")
     bus.fast = False
+    bus.write_all(table.STATUS_RETURN, np.full(count, 2))
     firmware = bus.read_all(table.FIRMWARE.address, 1)[:, 0]
     old = [f"{bus.label(int(i))} has {firmware[i]}" for i in np.flatnonzero(firmware < table.WATCHDOG_FIRMWARE)]
     if old:

@@ -1,17 +1,23 @@
 """Executors: the same answers wherever tasks run, each once, whatever dies meanwhile."""
 
+import importlib.util
 import os
+import pickle
 import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
+import cloudpickle
 import pytest
 
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.learners.data import executor as module
+from stancekit.learners.data import ray_cluster, ray_driver
 from stancekit.learners.data.executor import ClusterGone, WorkersDied, executor, gather, processes
 from stancekit.learners.data.labelling import label
 from stancekit.planners.errors import InvalidInput
@@ -119,38 +125,139 @@ class FakeRay:
     """As much of a cluster as the watch looks at."""
 
     def __init__(self, head: str) -> None:
-        self.gcs_address, self.processors = head, 2
+        self.gcs_address, self.count, self.raylet = head, 2, head
 
     def get_runtime_context(self) -> "FakeRay":
         return self
 
     def cluster_resources(self) -> dict[str, float]:
-        return {"CPU": float(self.processors)} if self.processors else {}
+        return {"CPU": float(self.count)}
+
+    def nodes(self) -> list[dict[str, Any]]:
+        host, _, port = self.raylet.rpartition(":")
+        place = {"NodeManagerAddress": host, "NodeManagerPort": int(port)}
+        return [{"Alive": True, "Resources": {"CPU": float(self.count)}, **place}] if self.count else []
 
 
-def test_a_cluster_that_goes_away_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The driver's time [s]."""
     now = [0.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(ray_driver.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_cluster_that_goes_away_is_noticed(clock: list[float]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as head:
         ray = FakeRay(f"127.0.0.1:{head.getsockname()[1]}")
-        watch = module._Watch(ray, "there")
-        ray.processors = 3
-        now[0] = 2.0
+        watch = ray_driver.Watch(ray)
+        ray.count = 3
+        clock[0] = 2.0
         assert watch.processors() == 3
-        ray.processors = 0
-        now[0] = 4.0
+        ray.count = 0
+        clock[0] = 4.0
         assert watch.processors() == 0
-        now[0] = 30.0
-        with pytest.raises(ClusterGone, match=r"^the Ray cluster at 'there' has no processor left"):
+        clock[0] = 8.0
+        with pytest.raises(ray_driver.Gone, match=r"^has no processor left$"):
             watch.processors()
-        ray.processors = 2
-        now[0] = 32.0
+        ray.count = 2
+        clock[0] = 10.0
         assert watch.processors() == 2
-    now[0] = 34.0
+    clock[0] = 12.0
     assert watch.processors() == 2
-    now[0] = 60.0
-    with pytest.raises(ClusterGone, match=r"^the Ray cluster at 'there' does not answer any more"):
+    clock[0] = 16.0
+    with pytest.raises(ray_driver.Gone, match=r"^does not answer any more$"):
         watch.processors()
+
+
+def test_nodes_that_the_head_still_counts_and_that_do_not_answer_are_no_processors(clock: list[float]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as head:
+        ray = FakeRay(f"127.0.0.1:{head.getsockname()[1]}")
+        with socket.create_server(("127.0.0.1", 0)) as closed:
+            ray.raylet = f"127.0.0.1:{closed.getsockname()[1]}"
+        watch = ray_driver.Watch(ray)
+        clock[0] = 4.0
+        assert watch.processors() == 2
+        clock[0] = 5.5
+        assert watch.processors(seen=True) == 2  # an answer came
+        clock[0] = 10.0
+        assert watch.processors() == 2
+        clock[0] = 11.5
+        with pytest.raises(ray_driver.Gone, match=r"^has no processor left$"):
+            watch.processors()
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (
+            "Version mismatch: The cluster was started with:\n    Ray: 2.55.1\n    Python: 3.11.7\n"
+            "This process on node 127.0.0.2 was started with:\n    Ray: 2.60.0\n    Python: 3.12.1\n",
+            "it runs Ray 2.55.1 on Python 3.11.7, this machine Ray 2.60.0 on Python 3.12.1",
+        ),
+        (
+            "RPC error: InvalidAuthToken: Authentication token is missing or incorrect. Ensure\nthat",
+            "it does not take the token of this machine (RAY_AUTH_TOKEN, RAY_AUTH_TOKEN_PATH or ~/.ray/auth_token)",
+        ),
+        ("\nSomething else.\nAnd more.", "Something else."),
+        ("", "ValueError"),
+    ],
+)
+def test_what_ray_says_becomes_one_line(text: str, line: str) -> None:
+    assert ray_driver.reason(ValueError(text)) == line
+
+
+def test_a_node_without_the_package_or_with_another_version_says_so() -> None:
+    node = socket.gethostname()
+    assert ray_driver.call({"nosuch-package": "1.0"})(b"") == (
+        f"has a node, {node}, without nosuch-package: expected 1.0, as here"
+    )
+    here = version("numpy")
+    assert ray_driver.call({"numpy": "0.1"})(b"") == (
+        f"has a node, {node}, with another numpy: expected 0.1, as here, got {here}"
+    )
+    run = ray_driver.call({"numpy": here})
+    assert pickle.loads(run(cloudpickle.dumps(partial(square, 5)))) == ("answer", 25)
+    kind, error = pickle.loads(run(cloudpickle.dumps(partial(fail, 3))))
+    assert (kind, str(error)) == ("raised", "x: expected another number than 3")
+    assert "tasks.py" in error.__notes__[0]
+
+
+def _driver_that(says: str) -> str:
+    """A module in the place of the driver."""
+    return f"""
+import sys, time
+from multiprocessing.connection import Connection
+pipe = Connection(int(sys.argv[1]))
+pipe.recv()
+{says}
+"""
+
+
+@pytest.mark.parametrize(
+    ("says", "line"),
+    [
+        ("", "the Ray cluster at '10.0.0.1:1' has lost the node that this process joined it by; what it had answered "
+             "is kept"),
+        ("time.sleep(60)", "the Ray cluster at '10.0.0.1:1' does not answer any more; what it had answered is kept"),
+        ("pipe.send(('asks',)); pipe.send(('refused', 'no'))",
+         "address: expected a Ray cluster at '10.0.0.1:1': no"),
+        ("for each in ('asks', 'joins', 'joined'): pipe.send((each,))\npipe.send(('works', 2)); pipe.recv()\n"
+         "pipe.send(('gone', 'is closed'))",
+         "the Ray cluster at '10.0.0.1:1' is closed; what it had answered is kept"),
+    ],
+)  # fmt: skip
+def test_a_driver_that_dies_hangs_or_gives_up_is_one_line(
+    says: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "driver.py").write_text(_driver_that(says))
+    monkeypatch.setattr(ray_cluster, "DRIVER", (str(tmp_path / "driver.py"),))
+    monkeypatch.setattr(ray_cluster, "SILENCE_S", 3.0)
+    monkeypatch.setattr(ray_cluster, "START_S", 3.0)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name)
+    with pytest.raises(ClusterGone) as error:
+        gather(executor("ray", address="10.0.0.1:1"), [partial(square, 1)])
+    assert str(error.value) == line
 
 
 def test_a_cluster_that_is_not_there_is_one_line() -> None:
@@ -159,24 +266,39 @@ def test_a_cluster_that_is_not_there_is_one_line() -> None:
         address = f"127.0.0.1:{closed.getsockname()[1]}"
     with pytest.raises(ClusterGone) as error:
         gather(executor("ray", address=address), [partial(square, 1)])
-    assert str(error.value) == f"address: expected a Ray cluster at {address}, nothing answers there"
-    with pytest.raises(ClusterGone, match=r"^address: expected a Ray cluster at 'moon': Invalid address format: moon$"):
+    assert str(error.value) == f"address: expected a Ray cluster at '{address}': nothing answers at {address}"
+    with pytest.raises(ClusterGone, match=r"^address: expected a Ray cluster at 'moon': expected host:port, auto or "):
         gather(executor("ray", address="moon"), [partial(square, 1)])
 
 
 def test_a_ray_cluster_gives_the_same_answers(tmp_path: Path) -> None:
-    ray = pytest.importorskip("ray")
+    pytest.importorskip("ray")
     run = executor("ray", address="local")
-    try:
-        tasks = [partial(die_once, tmp_path / "died", x) for x in range(8)]
-        assert gather(run, tasks) == list(range(8))  # one worker was killed meanwhile
-        assert gather(run, [partial(square, x) for x in range(30)]) == [x * x for x in range(30)]
-        with pytest.raises(InvalidInput, match=r"^x: expected another number than 3$"):
-            gather(run, [partial(fail, x) for x in range(6)])
-        plan = LabelPlan(distribution="wall-3", feasible=3, infeasible=3, shard_size=3)
-        label(plan, tmp_path / "cluster", run=run)
-        label(plan, tmp_path / "here")
-        shards = [f"shard-{k:05d}.parquet" for k in range(plan.shards)]
-        assert all(Path(tmp_path, "cluster", s).read_bytes() == Path(tmp_path, "here", s).read_bytes() for s in shards)
-    finally:
-        ray.shutdown()
+    tasks = [partial(die_once, tmp_path / "died", x) for x in range(8)]
+    assert gather(run, tasks) == list(range(8))  # one worker was killed meanwhile
+    assert gather(run, [partial(square, x) for x in range(30)]) == [x * x for x in range(30)]
+    plan = LabelPlan(distribution="wall-3", feasible=30, infeasible=30, shard_size=50)
+    label(plan, tmp_path / "cluster", run=run)
+    label(plan, tmp_path / "here")
+    shards = [f"shard-{k:05d}.parquet" for k in range(plan.shards)]
+    assert all(Path(tmp_path, "cluster", s).read_bytes() == Path(tmp_path, "here", s).read_bytes() for s in shards)
+    with pytest.raises(InvalidInput) as error:
+        gather(run, [partial(fail, x) for x in range(6)])
+    assert str(error.value) == "x: expected another number than 3"
+
+
+def test_tasks_may_follow_from_the_answers_so_far() -> None:
+    for workers in (1, 2):
+        sums = list[int]()
+
+        def tasks(sums: list[int] = sums) -> Iterator[Callable[[], int] | None]:
+            for x in range(4):
+                yield partial(square, x)
+            while len(sums) < 4:
+                yield None
+            yield partial(square, sum(sums))
+
+        for answer in processes(workers)(tasks()):
+            sums.append(answer)
+        assert sorted(sums[:4]) == [0, 1, 4, 9]
+        assert sums[4:] == [14 * 14]

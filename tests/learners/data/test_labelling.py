@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -23,8 +23,8 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import PostureDistribution, distribution
 from stancekit.learners.data import shards
-from stancekit.learners.data.executor import processes
-from stancekit.learners.data.labelling import Progress, Task, label, recheck
+from stancekit.learners.data.executor import Answer, Task, due, processes
+from stancekit.learners.data.labelling import Progress, label, recheck
 from stancekit.learners.data.shards import LabellingFailed, samples
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
@@ -125,6 +125,63 @@ def test_quotas_add_up_and_no_shard_is_empty(feasible: int, infeasible: int, siz
     assert all(1 <= sum(quota) <= size + 1 and min(quota) >= 0 for quota in quotas)
 
 
+def content(path: Path) -> str:
+    """Digest of the rows of all shards, numbers to nine digits, and of what was drawn."""
+    said = hashlib.sha256()
+    for file in sorted(path.glob("shard-*.parquet")):
+        table = pq.read_table(file)
+        tally = json.loads(table.schema.metadata[b"stancekit"])
+        said.update(json.dumps([tally["rows"], tally["drawn"], tally["undecided_samples"]]).encode())
+        for name in table.column_names:
+            values = table.column(name).combine_chunks()
+            values = values.storage if isinstance(values, pa.ExtensionArray) else values
+            said.update(json.dumps(values.to_pylist(), default=str).encode() if name in ("problem", "label") else
+                        "\n".join(_numbers(value) for value in values.to_pylist()).encode())  # fmt: skip
+    return said.hexdigest()
+
+
+def _numbers(value: object) -> str:
+    if isinstance(value, list):
+        return ",".join(map(_numbers, value))
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+@pytest.mark.parametrize(
+    ("plan", "digest"),
+    [
+        (
+            LabelPlan(distribution="wall-3", feasible=60, infeasible=40, seed=3),
+            "3b9f71895a98d3025bb1bc155a3b3f2bd6d68c5bd14c0101e8ce38d4de1443e4",
+        ),
+        (
+            LabelPlan(distribution="ground-3", feasible=80, infeasible=0, natural=True, seed=1),
+            "ae860acbb0363a22dcde6364734215f483c82c9573b48561817d679860f132e6",
+        ),
+    ],
+)
+def test_rows_at_the_default_shard_size_are_those_of_version_0_1(
+    plan: LabelPlan, digest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The digests are of what commit 51a6ced wrote, which drew a shard in one task."""
+    monkeypatch.setattr("stancekit.learners.data.labelling.LEAST", 8)
+    label(plan, tmp_path / "serial")
+    label(plan, tmp_path / "shared", run=Backwards())
+    assert [content(tmp_path / name) for name in ("serial", "shared")] == [digest, digest]
+    assert contents(tmp_path / "serial") == contents(tmp_path / "shared")
+
+
+class Backwards:
+    """An executor that takes all tasks there are, and answers the last one first."""
+
+    workers = 5
+
+    def __call__(self, tasks: Iterable[Task[Answer] | None]) -> Iterator[Answer]:
+        source = iter(tasks)
+        while flying := list(due(source, None)):
+            for task in reversed(flying):
+                yield task()
+
+
 def test_two_workers_write_the_same_bytes_as_one(balanced: Path, tmp_path: Path) -> None:
     label(PLAN, tmp_path, workers=2)
     assert contents(tmp_path) == contents(balanced)
@@ -132,10 +189,7 @@ def test_two_workers_write_the_same_bytes_as_one(balanced: Path, tmp_path: Path)
 
 
 def test_any_executor_in_any_order_writes_the_same_bytes(balanced: Path, tmp_path: Path) -> None:
-    def backwards(tasks: Sequence[Task]) -> Iterable[ledger.Tally]:
-        return [task() for task in reversed(tasks)]
-
-    label(PLAN, tmp_path, run=backwards)
+    label(PLAN, tmp_path, run=Backwards())
     assert contents(tmp_path) == contents(balanced)
 
 

@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import linprog
 
 from stancekit.envs.distributions.postures import distribution
+from stancekit.learners.data.executor import processes
 from stancekit.learners.selectors.dual_bounds import BAND, Bounds, balanced, least, ranges, witnessed
-from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle
+from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle, SpreadOracle
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import PostureProblem
@@ -59,6 +60,20 @@ def test_the_cache_says_what_solving_says(programs: Programs, name: str, kind: s
     assert min(counts.witness, counts.certificate, counts.trivial if name == "wall-3" else 1) > 0
     assert counts.cached > 0.6 * counts.total
     assert counts.unknown == plain.counts.unknown == 0
+
+
+def test_problems_that_are_shared_out_get_the_same_verdicts_by_the_same_proofs(programs: Programs) -> None:
+    problems, rng = drawn("wall-3", 12, seed=4), np.random.default_rng(0)
+    whole = CachingOracle(problems, programs)
+    spread = [SpreadOracle(problems, processes(workers)) for workers in (1, 2)]
+    for seed in range(3):
+        boxes = boxes_about(problems, "wall", 6, 0.1, seed)
+        which = np.sort(rng.choice(12, size=9, replace=False))
+        expected = whole.is_feasible(which, boxes)
+        for oracle in spread:
+            np.testing.assert_array_equal(oracle.is_feasible(which, boxes), expected)
+            assert oracle.counts == whole.counts
+    assert whole.counts.cached > 0
 
 
 def test_little_memory_settles_less_and_errs_no_more(programs: Programs) -> None:

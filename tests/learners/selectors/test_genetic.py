@@ -17,7 +17,8 @@ from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors import evolution
-from stancekit.learners.selectors.convergence import Generation, draw_convergence
+from stancekit.learners.selectors.convergence import Generation
+from stancekit.learners.selectors.convergence_plot import draw_convergence
 from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle
 from stancekit.learners.selectors.genetic import (
     GeneticResult,

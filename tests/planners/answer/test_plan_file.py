@@ -82,7 +82,7 @@ def test_a_plan_is_the_same_to_the_last_bit_when_read_back(written):
         assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
     assert course_to_json(again.course) == course_to_json(plan.course)
     assert again.provenance == plan.provenance
-    assert (header["format"], header["verified"]) == ("stancekit/plan/2", True)
+    assert (header["format"], header["verified"]) == ("stancekit/plan/3", True)
     assert header["verdict"]["digest"] == check_plan(again).digest
     assert os.listdir(path.parent) == ["plan.json"]
 
@@ -152,7 +152,7 @@ def test_a_pair_that_is_written_over_is_one_file_and_what_was_beside_it_stays(pa
     plan, path = pair
     beside = path.with_suffix(".npz").read_bytes()
     write_plan(path, plan, check_plan(plan))
-    assert read_plan(path)[1]["format"] == "stancekit/plan/2"
+    assert read_plan(path)[1]["format"] == "stancekit/plan/3"
     assert path.with_suffix(".npz").read_bytes() == beside
 
 
@@ -218,8 +218,8 @@ def test_numbers_that_do_not_fit_are_refused_even_under_right_sums(change, messa
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(format="stancekit/plan/3"), "expected format 'stancekit/plan/2', got 'stancekit/plan/3'"),
-        (lambda d: d.update(format=["stancekit/plan/2"]), "expected format 'stancekit/plan/2', got .'stancekit/pl"),
+        (lambda d: d.update(format="stancekit/plan/4"), "expected format 'stancekit/plan/3', got 'stancekit/plan/4'"),
+        (lambda d: d.update(format=["stancekit/plan/2"]), "expected format 'stancekit/plan/3', got .'stancekit/pl"),
         (lambda d: d.update(format="stancekit/plan/1"), "arrays: expected an object with file, sha256"),
         (lambda d: d.update(verdict={}), "verdict: expected an object with accepted, tolerance, digest"),
         (lambda d: d.update(arrays=[]), "arrays: expected an object with npz"),

@@ -140,7 +140,7 @@ def test_an_older_pair_is_read_as_ever_and_may_be_renamed(pair):
 def test_a_pair_that_is_written_over_is_one_file_and_what_was_beside_it_stays(pair):
     beside = pair.with_suffix(".npz").read_bytes()
     write_trajectory(pair, still(), check_trajectory(still()))
-    assert json.loads(pair.read_text())["format"] == "stancekit/gait/2"
+    assert json.loads(pair.read_text())["format"] == "stancekit/gait/3"
     assert read_trajectory(pair).verified
     assert pair.with_suffix(".npz").read_bytes() == beside
 
@@ -288,7 +288,7 @@ def test_samples_that_are_no_base64_or_of_the_other_format_are_refused(written):
     samples = json.loads(written.read_text())["samples"]
     _resealed(written, samples="????")
     assert refusal(written).startswith("walk.json: samples: expected base64 text: ")
-    expected = "walk.json: samples: expected in stancekit/gait/2 and not in stancekit/gait/1"
+    expected = "walk.json: samples: expected in stancekit/gait/3 and stancekit/gait/2, and not in stancekit/gait/1"
     _resealed(written, samples=None)
     assert refusal(written) == expected
     _resealed(written, samples=samples, format="stancekit/gait/1")
@@ -298,9 +298,9 @@ def test_samples_that_are_no_base64_or_of_the_other_format_are_refused(written):
 def test_headers_that_are_none_are_refused_in_one_line(written):
     assert refusal(written.with_name("none.json")) == "none.json: expected a file, found nothing there"
     for text, message in {
-        "[]": "walk.json: expected an object with format 'stancekit/gait/2', got 'list'",
+        "[]": "walk.json: expected an object with format 'stancekit/gait/3', got 'list'",
         '{"format": "stancekit/posture/1"}': (
-            "walk.json: expected an object with format 'stancekit/gait/2', got 'stancekit/posture/1'"
+            "walk.json: expected an object with format 'stancekit/gait/3', got 'stancekit/posture/1'"
         ),
         '{"format": ': "walk.json: expected JSON, broken at line 1 column 12: Expecting value",
     }.items():

@@ -108,17 +108,29 @@ def test_what_touches_by_less_than_the_tolerance_is_no_overlap() -> None:
     assert made.overlaps(body, terrain_m=0.0)[0].depth_m == pytest.approx(0.9 * TOUCH_M, abs=1e-6)
 
 
-def test_a_foot_may_be_in_the_surface_on_which_it_stands_and_in_no_other() -> None:
-    shapes = [shape(f"{leg}_FOOT", "sphere", [0.03]) for leg in ("LF", "RF", "LH", "RH")]
-    made = bodies(shapes, level(), level(0.5, 0.05))
+def test_a_foot_touches_with_its_ball_and_may_be_no_deeper_where_it_stands() -> None:
+    right, large = ([shape(f"{leg}_FOOT", "sphere", [m]) for leg in ("LF", "RF", "LH", "RH")] for m in (0.02, 0.03))
+    made = bodies(right, level(), level(0.5, 0.05))
     nominal = np.array([leg.nominal_m for leg in made.model.legs])
-    height = 0.02 - nominal[:, 2].min()  # feet of .03 m in a robot that believes in .02 m
+    height = 0.02 - nominal[:, 2].min()
     toes = np.array([*nominal.T[:2], np.zeros(4)]).T
     assert not made.overlaps(standing(made, height, toes=toes))
-    in_air = made.overlaps(standing(made, height))
-    assert {each.other for each in in_air} == {"patch 0"}
-    assert in_air[0].depth_m == pytest.approx(0.01, abs=1e-6)
-    assert made.overlaps(standing(made, height, toes=toes + 0.01 * UP))  # these toes are on nothing
+    assert made.overlaps(standing(made, height - 0.01, toes=toes))
+    swollen = bodies(large, level(), level(0.5, 0.05))  # of .03 m, in a robot that believes in .02 m
+    found = swollen.overlaps(standing(swollen, height, toes=toes))
+    assert {each.other for each in found} == {"patch 0"}
+    assert found[0].depth_m == pytest.approx(0.01, abs=1e-6)
+
+
+def test_of_a_link_with_a_foot_the_other_shapes_are_judged() -> None:
+    foot = [shape(f"{leg}_FOOT", "sphere", [0.02]) for leg in ("LF", "RF", "LH", "RH")]
+    heel = shape("LF_FOOT", "sphere", [0.01], at=[0.02, 0.0, -0.018])
+    made = bodies([*foot, heel], level())
+    nominal = np.array([leg.nominal_m for leg in made.model.legs])
+    toes = np.array([*nominal.T[:2], np.zeros(4)]).T
+    found = made.overlaps(standing(made, 0.02 - nominal[:, 2].min(), toes=toes))
+    assert [each.link for each in found] == ["LF_FOOT"]
+    assert found[0].depth_m > 1e-3
 
 
 def test_neighbours_and_pairs_of_the_srdf_are_left_out_and_others_are_not() -> None:

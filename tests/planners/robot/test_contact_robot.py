@@ -181,7 +181,7 @@ def test_angles_of_shorter_legs_are_the_nearest_ones(plan: Plan) -> None:
 @pytest.mark.parametrize(
     ("robot", "message"),
     [
-        ("centipede", "robot: expected hexapod, a .urdf file, or a .yaml file that names one, got 'centipede'"),
+        ("centipede.yaml", "robot: {0}/centipede.yaml: expected a file, found nothing there"),
         ("none.urdf", "robot: {0}/none.urdf: expected a file, found nothing there"),
     ],
 )

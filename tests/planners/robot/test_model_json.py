@@ -1,5 +1,6 @@
 """A robot's own model inside a course: the same robot when read back, and whatever was forged about it refused."""
 
+import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,6 +18,7 @@ from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.legged import foot_radii, legged_model
 from stancekit.planners.robot.model_json import MOST_LETTERS
 from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot.robot_model import urdf_digest_text
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, joint_names
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -66,10 +68,13 @@ def test_the_model_comes_back_as_it_was_from_the_file_alone(course: Course, writ
     assert read.digest == model.digest
     assert read.urdf == model.urdf
     assert read.leg_names == ("RH", "LF", "RF")
-    assert read.mesh_folders == model.mesh_folders
     assert read.disabled_pairs == {frozenset({"base", "LF_THIGH"}), frozenset({"base", "RF_HIP"})}
-    assert [shape.mesh for shape in read.shapes] == [shape.mesh for shape in model.shapes]
-    assert any(shape.mesh is not None for shape in read.shapes)
+    assert any(shape.mesh is not None for shape in model.shapes)
+    assert all(shape.mesh is None for shape in read.shapes)
+    hulls = [shape.corners_m for shape in model.shapes if shape.corners_m is not None]
+    assert hulls
+    for mine, its in zip([s.corners_m for s in read.shapes if s.corners_m is not None], hulls, strict=True):
+        np.testing.assert_array_equal(mine, its)
     for mine, its in zip(read.legs, model.legs, strict=True):
         assert mine.joints == its.joints
         assert mine.joints[-1].torque_nm == 33.0
@@ -81,12 +86,20 @@ def test_the_model_comes_back_as_it_was_from_the_file_alone(course: Course, writ
     assert course_to_json(course_from_json(written)) == written
 
 
-def test_meshes_that_are_elsewhere_now_change_nothing_but_pictures(written: dict[str, Any], tmp_path: Path) -> None:
-    written["robot"]["model"]["mesh_folders"] = [str(tmp_path / "gone")]
+def test_no_folder_of_this_machine_is_in_a_file(written: dict[str, Any], tmp_path: Path) -> None:
+    assert str(tmp_path) not in json.dumps(written)
+    assert "mesh_folders" not in written["robot"]["model"]
+
+
+def test_an_older_file_is_read_and_its_meshes_are_not_looked_for(written: dict[str, Any], tmp_path: Path) -> None:
+    model = written["robot"]["model"]
+    legs = [(leg["name"], leg["foot"], list(leg["stance_rad"].values())) for leg in model["legs"]]
+    older = {name: model[name] for name in ("urdf", "legs", "disabled_pairs")}
+    older["digest"] = hashlib.sha256(urdf_digest_text(model["urdf"], legs).encode()).hexdigest()
+    written["robot"]["model"] = older | {"mesh_folders": [str(tmp_path)]}
     read = course_from_json(written).robot.model
     assert read is not None
-    assert all(shape.mesh is None for shape in read.shapes)
-    assert read.digest == written["robot"]["model"]["digest"]
+    assert all(shape.mesh is None and shape.corners_m is None for shape in read.shapes)
 
 
 def edited(old: str, new: str) -> Callable[[dict[str, Any]], None]:

@@ -154,11 +154,16 @@ def test_an_srdf_says_how_to_stand_and_which_links_may_touch() -> None:
     assert texts(model, "guess")[1] == "posture to stand in, from the SRDF: standing"
 
 
-@pytest.mark.parametrize(("far_m", "foot"), [(0.5, "LF_FOOT"), (1.1, "LF_PROBE")])
-def test_a_link_called_foot_is_one_unless_another_goes_three_times_as_far(far_m: float, foot: str) -> None:
+@pytest.mark.parametrize(
+    ("far_m", "ball", "foot"), [(0.5, False, "LF_FOOT"), (1.1, False, "LF_PROBE"), (1.1, True, "LF_FOOT")]
+)
+def test_a_link_called_foot_is_one_unless_another_goes_three_times_as_far_and_nothing_is_a_ball(
+    far_m: float, ball: bool, foot: str
+) -> None:
     probe = link("LF_PROBE") + fixed("LF_PROBED", "LF_SHANK", "LF_PROBE", f"0 0 {-far_m}")
-    model = model_of(robot([leg("LF") + probe, *(leg(name) for name in list(HIPS)[1:])]))
-    assert model.leg("LF").foot == foot
+    text = robot([leg("LF") + probe, *(leg(name) for name in list(HIPS)[1:])])
+    shape = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
+    assert model_of(text if ball else text.replace(shape, "")).leg("LF").foot == foot
 
 
 def test_numbers_that_are_hard_to_believe_are_marked() -> None:
@@ -185,7 +190,12 @@ def test_meshes_are_found_by_package_and_missing_ones_are_marked(tmp_path: Path)
     assert trunk.mesh == (tmp_path / "share" / "my_robot" / "trunk.stl").resolve()
     assert trunk.size_m.tolist() == [0.1, 0.1, 0.1]
     where = "a YAML file's packages: say where package:// leads"
-    assert texts(model, "doubt") == [f"mesh package://gone/foot.dae: no such file, not drawn; {where}"]
+    feet = ", ".join(f"{name}_FOOT" for name in HIPS)
+    unknown = "touches with a mesh that cannot be had: say with which point or ball, in a YAML file's contacts:"
+    assert texts(model, "doubt") == [
+        f"links {feet}: {unknown}",
+        f"mesh package://gone/foot.dae: no such file, not drawn; {where}",
+    ]
 
 
 def test_meshes_are_found_in_a_folder_that_was_copied_out_of_its_package(tmp_path: Path) -> None:
@@ -319,5 +329,6 @@ def test_names_that_are_no_robots_are_refused() -> None:
     with pytest.raises(InvalidInput) as caught:
         named_robot("centipede")
     assert str(caught.value) == (
-        "robot: expected hexapod, a .urdf file, or a .yaml file that names one, got 'centipede'"
+        "robot: expected hexapod, a1, aliengo, anymal_b, anymal_c, b1, go1, go2, hyq, laikago, solo12, spirit40, "
+        "vision60, a .urdf file, or a .yaml file that names one, got 'centipede'"
     )

@@ -9,6 +9,7 @@ import pytest
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import Plan, PlanOutcome
 from stancekit.planners.problem.course import Course
+from stancekit.planners.search.answer import TimeLimited
 from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
 
 
@@ -59,7 +60,7 @@ def test_one_time_limit_is_for_all_shares_together(walk: Callable[..., Plan], mo
     now, given = [0.0], []
 
     @dataclass
-    class Slow:
+    class Slow(TimeLimited):
         name: str = "slow"
         time_limit_s: float = 10.0
 
@@ -74,3 +75,31 @@ def test_one_time_limit_is_for_all_shares_together(walk: Callable[..., Plan], mo
     assert plan_with_reserve(planner, course).status is Status.UNDECIDED
     assert given == [(pytest.approx(0.8 * friction), 5.0), (friction, 5.0)]
     assert planner.time_limit_s == 10.0
+
+
+def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_cannot_be_limited(
+    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+
+    class Foreign:
+        name = "foreign"
+        __slots__ = ("asked",)
+
+        def __init__(self) -> None:
+            self.asked = list[float]()
+
+        def solve(self, course: Course) -> PlanOutcome:
+            self.asked.append(float(course.terrain[0].friction))
+            now[0] += 4.0
+            return PlanOutcome(status=Status.UNDECIDED, method=self.name)
+
+    monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
+    course, planner = walk().course, Foreign()
+    friction = float(course.terrain[0].friction)
+    assert plan_with_reserve(planner, course, deadline=107.0).status is Status.UNDECIDED
+    assert planner.asked == [pytest.approx(0.8 * friction), friction]  # 0.9 would begin in the last share's time
+    late = plan_with_reserve(planner, course, deadline=107.0)
+    assert late.status is Status.UNDECIDED
+    assert late.message == "the time limit ended before the search for contacts began"
+    assert len(planner.asked) == 2

@@ -416,7 +416,10 @@ def test_plans_with_soles_are_not_executed(climbed):
     plan = climbed[1].plan
     with pytest.raises(InvalidInput) as refused:
         proven(plan, check_plan(plan).digest, "plan.json")
-    assert str(refused.value) == "plan.json: expected point feet, which can be executed, got soles"
+    assert str(refused.value) == (
+        "plan.json: expected a plan that can be executed, this one cannot: its feet are soles, and only point feet are "
+        "executed"
+    )
     with pytest.raises(InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"):
         hexapod_urdf(plan.course.robot)
     assert check_plan(plan, joints=True).joints["verdict"] == "not checked"

@@ -18,7 +18,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")
-from stancekit.planners.search.whole_body_outcome import judged_whole_body, with_whole_body
+from stancekit.planners.search.whole_body_outcome import with_whole_body
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,8 @@ def planned() -> PlanOutcome:
 
 
 def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(planned: PlanOutcome) -> None:
-    outcome, said = judged_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
+    outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
+    said = outcome.report
     assert outcome.plan is not None
     assert planned.plan is not None
     assert said is not None
@@ -71,18 +72,20 @@ def test_what_torque_forbids_is_undecided_and_says_where(planned: PlanOutcome) -
 def test_without_a_plan_there_is_nothing_to_bend(planned: PlanOutcome) -> None:
     none = replace(planned, plan=None, status=Status.UNDECIDED)
     assert with_whole_body(none, WholeBodyLimits(torque_nm=10.0)) is none
-    assert judged_whole_body(none) == (none, None)
 
 
 def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_asked_for(
     planned: PlanOutcome, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    assert with_whole_body(planned) is planned
-    outcome, report = judged_whole_body(planned)
-    assert outcome is planned
-    assert report is not None
-    assert (report.accepted, report.joints["verdict"]) == (True, "not checked")
+    outcome = with_whole_body(planned)
+    assert outcome.plan is planned.plan
+    assert (outcome.status, outcome.details) == (planned.status, planned.details)
+    assert outcome.report is not None
+    assert (outcome.report.accepted, outcome.report.joints["verdict"]) == (True, "not checked")
+    assert outcome.report.message == (
+        "accepted as far as checked: joints, torque, bodies and motion are not; no constraint is violated"
+    )
     with pytest.raises(InvalidInput, match="pinocchio"):
         with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
 

@@ -60,8 +60,9 @@ def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]
 
 def test_what_is_not_judged_is_said_loudly(walk: Callable[..., Plan]) -> None:
     jumps = check_plan(with_joints(walk(2, "all")), joints=True)
-    assert jumps.motion["verdict"] == "not checked"
-    assert "motion: NOT CHECKED (frame 1: expected limbs that stay and carry the robot, " in jumps.joints_message
+    assert jumps.motion == {"verdict": "not asked for", "message": "nobody carries between frames"}
+    assert jumps.bodies["verdict"] == "checked"
+    assert jumps.message.endswith("balanced in every frame; cannot be executed: nobody carries between frames")
     assert "motion" not in jumps.checked
     assert check_plan(walk(2), joints=True).motion["verdict"] == "not checked"  # without angles
     plan = with_joints(walk(2))

@@ -40,6 +40,7 @@ def stuffed(payload: bytes) -> bytes:
 
 
 def unstuffed(payload: bytes) -> bytes:
+    """The payload without what ``stuffed`` put in."""
     return payload.replace(HEADER + b"\xfd", HEADER)
 
 
@@ -86,6 +87,7 @@ class Reader:
         self._bytes = b""
 
     def feed(self, more: bytes) -> Iterator[Request]:
+        """Packets that are whole with these bytes."""
         self._bytes += more
         while True:
             start = self._bytes.find(HEADER)
@@ -102,7 +104,9 @@ class Reader:
             if len(self._bytes) < size:
                 return
             whole, payload = self._bytes[:size], self._bytes[7 : size - 2]
-            if HEADER in payload.replace(HEADER + b"\xfd", b""):  # a header that is not stuffed begins a new packet
+            if HEADER in payload.replace(
+                HEADER + b"\xfd", b""
+            ):  # a header that is not stuffed begins a new packet
                 self._bytes = self._bytes[3:]
                 continue
             self._bytes = self._bytes[size:]

@@ -49,7 +49,12 @@ class Path:
         if self.velocities is None:
             return p0 + s * (p1 - p0), (p1 - p0) / h
         v0, v1 = self.velocities[k - 1] if k else self.rate, self.velocities[k]
-        a, b, c, d = (1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2, s * s * (3 - 2 * s), s * s * (s - 1)
+        a, b, c, d = (
+            (1 + 2 * s) * (1 - s) ** 2,
+            s * (1 - s) ** 2,
+            s * s * (3 - 2 * s),
+            s * s * (s - 1),
+        )
         e, f, g = 6 * s * s - 6 * s, 3 * s * s - 4 * s + 1, 3 * s * s - 2 * s
         return a * p0 + b * h * v0 + c * p1 + d * h * v1, e * (p0 - p1) / h + f * v0 + g * v1
 
@@ -77,7 +82,14 @@ class Controller:
     def stop(self) -> None:
         """Hold where the joints are."""
         zero = np.zeros(len(self.names))
-        self.path = Path(self.now_s, self.position.copy(), zero, np.array([1e-9]), self.position[None, :].copy(), None)
+        self.path = Path(
+            self.now_s,
+            self.position.copy(),
+            zero,
+            np.array([1e-9]),
+            self.position[None, :].copy(),
+            None,
+        )
 
     def desired(self) -> tuple[Array, Array]:
         """Where the joints should be now, and how fast."""
@@ -92,7 +104,9 @@ class Controller:
         times = np.array([_seconds(point["time_from_start"], nanos) for point in points])
         positions = np.array([[point["positions"][i] for i in order] for point in points])
         has = all(len(point.get("velocities", [])) == len(names) for point in points)
-        velocities = np.array([[point["velocities"][i] for i in order] for point in points]) if has else None
+        velocities = (
+            np.array([[point["velocities"][i] for i in order] for point in points]) if has else None
+        )
         start, rate = self.desired()
         self.path = Path(self.now_s, start.copy(), rate.copy(), times, positions, velocities)
         return True
@@ -102,8 +116,12 @@ class Controller:
         if not self.load(goal["trajectory"], nanos):
             return None
         self.end("aborted", SUCCESSFUL)
-        path, end = (self._tolerances(goal.get(key, [])) for key in ("path_tolerance", "goal_tolerance"))
-        self.task = Task(path, end, _seconds(goal.get("goal_time_tolerance", {}), nanos), self.now_s)
+        path, end = (
+            self._tolerances(goal.get(key, [])) for key in ("path_tolerance", "goal_tolerance")
+        )
+        self.task = Task(
+            path, end, _seconds(goal.get("goal_time_tolerance", {}), nanos), self.now_s
+        )
         return self.task
 
     def end(self, how: str, code: int) -> None:
@@ -117,8 +135,14 @@ class Controller:
             self.now_s += STEP_S
             wanted = self.desired()[0]
             w = self.bandwidth_rad_s
-            self.rate = self.rate + STEP_S * (w * w * (wanted - self.position) - 2.0 * w * self.rate)
-            self.rate = np.clip(np.where(self.stuck | (not self.on), 0.0, self.rate), -self.most_rad_s, self.most_rad_s)
+            self.rate = self.rate + STEP_S * (
+                w * w * (wanted - self.position) - 2.0 * w * self.rate
+            )
+            self.rate = np.clip(
+                np.where(self.stuck | (not self.on), 0.0, self.rate),
+                -self.most_rad_s,
+                self.most_rad_s,
+            )
             self.position = self.position + STEP_S * self.rate
             self._judge(wanted)
 
@@ -143,4 +167,6 @@ class Controller:
 
 
 def _seconds(message: dict[str, int], nanos: str) -> float:
-    return float(message.get("sec" if nanos == "nanosec" else "secs", 0) + 1e-9 * message.get(nanos, 0))
+    return float(
+        message.get("sec" if nanos == "nanosec" else "secs", 0) + 1e-9 * message.get(nanos, 0)
+    )

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.planners.robot.contacts import fitted_ball
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.robot.round_feet import fitted_ball
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")

@@ -7,22 +7,25 @@ and kept in ``errors``, as a rosbridge refuses messages that do not fit their ty
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from .rosbridge_protocol import Client, cancel_wrong, fields_wrong, goal_wrong, operation_wrong, path_wrong
+from .rosbridge_protocol import (
+    Client,
+    cancel_wrong,
+    fields_wrong,
+    goal_wrong,
+    operation_wrong,
+    path_wrong,
+)
 from .trajectory_controller import INVALID_JOINTS, Controller, Task
 
 FAULTS = (
@@ -61,7 +64,9 @@ class RosBridge:
         self._due: list[tuple[float, str]] = []
         self._faults: set[str] = set()
         self._statuses: list[dict[str, Any]] = []
-        self._server = serve(self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL))
+        self._server = serve(
+            self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL)
+        )
         self.port = int(self._server.socket.getsockname()[1])
         self.robot.now_s = time.monotonic()
         self.robot.stop()
@@ -136,12 +141,18 @@ class RosBridge:
     def _refuse(self, client: Client, message: Any, why: str) -> None:
         with self._lock:
             self.errors.append(why)
-        self._say(client, {"op": "status", "level": "error", "msg": why} | ({} if message is None else {"id": message}))
+        self._say(
+            client,
+            {"op": "status", "level": "error", "msg": why}
+            | ({} if message is None else {"id": message}),
+        )
 
     def _advertise(self, client: Client, message: dict[str, Any]) -> None:
         slashes = message["type"].count("/")
         if slashes != (2 if self.ros == 2 else 1):
-            self._refuse(client, message.get("id"), f"{message['topic']}: unknown type {message['type']}")
+            self._refuse(
+                client, message.get("id"), f"{message['topic']}: unknown type {message['type']}"
+            )
 
     def _unadvertise(self, client: Client, message: dict[str, Any]) -> None: ...
 
@@ -174,7 +185,11 @@ class RosBridge:
                 self._cancel(said["id"])
 
     def _call_service(self, client: Client, message: dict[str, Any]) -> None:
-        if self.ros == 2 and message["service"] == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal":
+        if (
+            self.ros == 2
+            and message["service"]
+            == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal"
+        ):
             self._cancel_goal(client, message)
             return
         known = message["service"] == "/controller_manager/switch_controller"
@@ -183,10 +198,17 @@ class RosBridge:
             request = message.get("args", {})
             with self._lock:
                 self.log.append(("switch", time.monotonic()))
-                self.robot.on = bool(request.get("activate_controllers") or request.get("start_controllers"))
+                self.robot.on = bool(
+                    request.get("activate_controllers") or request.get("start_controllers")
+                )
                 self.robot.stop()
             values = {"ok": True}
-        answer = {"op": "service_response", "service": message["service"], "values": values, "result": known}
+        answer = {
+            "op": "service_response",
+            "service": message["service"],
+            "values": values,
+            "result": known,
+        }
         self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
 
     def _cancel_goal(self, client: Client, message: dict[str, Any]) -> None:
@@ -200,7 +222,12 @@ class RosBridge:
             going = [{"goal_id": {"uuid": [0] * 16}}] if self._running else []
             self._cancel("")
         values = {"return_code": 0, "goals_canceling": going}
-        answer = {"op": "service_response", "service": message["service"], "values": values, "result": True}
+        answer = {
+            "op": "service_response",
+            "service": message["service"],
+            "values": values,
+            "result": True,
+        }
         self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
 
     def _send_action_goal(self, client: Client, message: dict[str, Any]) -> None:
@@ -222,7 +249,11 @@ class RosBridge:
             self._running.pop(told, None)
             how, code = task.ended or ("aborted", 0)
             values = {"error_code": code, "error_string": ""}
-            self._say(client, head | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True})
+            self._say(
+                client,
+                head
+                | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True},
+            )
 
         if self._one_thread:
             run()
@@ -265,10 +296,16 @@ class RosBridge:
 
     def _finished1(self, message: str, how: str, code: int) -> None:
         """A result of actionlib, and the final status that stays in the list."""
-        status = {"goal_id": {"id": message, "stamp": {"secs": 0, "nsecs": 0}}, "status": ENDS1[how]}
+        status = {
+            "goal_id": {"id": message, "stamp": {"secs": 0, "nsecs": 0}},
+            "status": ENDS1[how],
+        }
         self._statuses = [*self._statuses[-4:], status]
         action = f"{self.controller}/follow_joint_trajectory"
-        self._tell(f"{action}/result", {"status": status, "result": {"error_code": code, "error_string": ""}})
+        self._tell(
+            f"{action}/result",
+            {"status": status, "result": {"error_code": code, "error_string": ""}},
+        )
 
     def _say(self, client: Client, message: Any) -> None:
         if "silent" not in self._faults:
@@ -314,12 +351,23 @@ class RosBridge:
             positions[0] = None
         if "half a message" in self._faults:
             positions = positions[: len(positions) // 2]
-        said = {"name": names, "position": positions, "velocity": [*robot.rate.tolist(), *rest], "effort": []}
+        said = {
+            "name": names,
+            "position": positions,
+            "velocity": [*robot.rate.tolist(), *rest],
+            "effort": [],
+        }
         self._tell("/joint_states", said)
-        self._tell(f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", self._feedback())
+        self._tell(
+            f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}",
+            self._feedback(),
+        )
         if self.ros == 1:
             going = [{"goal_id": {"id": message}, "status": 1} for message in self._running]
-            self._tell(f"{self.controller}/follow_joint_trajectory/status", {"status_list": [*going, *self._statuses]})
+            self._tell(
+                f"{self.controller}/follow_joint_trajectory/status",
+                {"status_list": [*going, *self._statuses]},
+            )
         if "e-stop" in self._faults:
             self._tell("/e_stop", {"data": True})
         if "not json" in self._faults:
@@ -345,72 +393,3 @@ class RosBridge:
             self.robot.on = False
         else:
             self._faults.add(kind)
-
-
-class BridgeProcess:
-    """A ``RosBridge`` with the default hexapod in a child process of its own; ``port`` is where."""
-
-    def __init__(self, position_rad: Sequence[float], ros: Literal[1, 2] = 2) -> None:
-        position = ",".join(f"{value:.9g}" for value in position_rad)
-        command = [sys.executable, "-m", "tests.emulators.rosbridge", "--port", "0", "--ros", str(ros)]
-        self._child = subprocess.Popen(
-            [*command, f"--position={position}"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-            cwd=Path(__file__).parents[2],
-        )  # fmt: skip
-        assert self._child.stdout is not None
-        self.port = int(json.loads(self._child.stdout.readline())["port"])
-
-    def inject(self, kind: str) -> None:
-        """Let a fault happen now."""
-        self._ask(kind)
-
-    def state(self) -> dict[str, Any]:
-        """As of ``RosBridge``, and its log."""
-        return self._ask("")
-
-    def close(self) -> None:
-        """End the process."""
-        assert self._child.stdin is not None
-        assert self._child.stdout is not None
-        self._child.stdin.close()
-        self._child.wait(5.0)
-        self._child.stdout.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def _ask(self, line: str) -> dict[str, Any]:
-        assert self._child.stdin is not None
-        assert self._child.stdout is not None
-        self._child.stdin.write(line + "\n")
-        self._child.stdin.flush()
-        answer: dict[str, Any] = json.loads(self._child.stdout.readline())
-        return answer
-
-
-def main() -> None:
-    """Run a rosbridge with the default hexapod until standard input ends; a line there may be a fault to inject."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--port", type=int, default=9090)
-    parser.add_argument("--ros", type=int, choices=(1, 2), default=2)
-    parser.add_argument("--position", type=str, default="", help="24 angles [rad], with commas")
-    asked = parser.parse_args()
-    from stancekit.planners.robot import hexapod
-    from stancekit.planners.robot.urdf import joint_names
-
-    position = [float(value) for value in asked.position.split(",")] if asked.position else None
-    with RosBridge(joint_names(hexapod()), position, ros=asked.ros, port=asked.port) as bridge:
-        sys.stdout.write(json.dumps({"port": bridge.port}) + "\n")
-        sys.stdout.flush()
-        for line in sys.stdin:
-            if line.strip():
-                bridge.inject(line.strip())
-            sys.stdout.write(json.dumps(bridge.state() | {"log": bridge.log}) + "\n")
-            sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,49 @@
+"""Robots with a name: a YAML file of this package says how each stands, the user's own packages have the URDFs."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+from ..errors import InvalidInput
+
+PROVIDERS = {
+    "example-robot-data": ("cmeel.prefix/share/example-robot-data/robots", "robots"),
+    "pybullet": ("pybullet_data", "bullet"),
+}
+"""Packages that have URDFs: the folder of the robots in each, and the extra of this package that installs it."""
+
+
+def provider_folder(provider: str) -> Path | None:
+    """The folder of the robots of an installed package, None where the package is not installed."""
+    try:
+        folder = Path(str(distribution(provider).locate_file(PROVIDERS[provider][0])))
+    except PackageNotFoundError:
+        return None
+    return folder if folder.is_dir() else None
+
+
+def provided(provider: str, robot: str) -> Path:
+    """The folder that the paths of a robot's file begin at.
+
+    Arguments:
+        provider: a package of ``PROVIDERS``.
+        robot: the name of the robot, for the message.
+    Raises:
+        InvalidInput: where the package is not installed.
+    """
+    folder = provider_folder(provider)
+    if folder is None:
+        raise InvalidInput(
+            f"robot: {robot} needs the URDF of {provider}, which is not installed: "
+            f"pip install 'stancekit[{PROVIDERS[provider][1]}]'"
+        )
+    return folder
+
+
+def catalogue() -> dict[str, Path]:
+    """The YAML file of every robot with a name, sorted by name."""
+    from stancekit.configs import config_path
+
+    files = sorted(config_path("robots/anymal.yaml").parent.glob("*.yaml"))
+    return {path.stem: path for path in files if path.stem != "anymal"}  # a walker's numbers, which need no URDF

@@ -1,0 +1,281 @@
+"""What a leg touches with: the shape at its end, where that is a ball, or what a person says it is.
+
+A foot is the shape of the leg's last body that is farthest from the last joint, whichever link of that body it is on.
+A ball touches at any attitude a radius below its centre, and so does the end of a capsule; meshes of balls are read as
+the balls they are. Where a box, a cylinder, a wheel or another mesh is the farthest, nobody but the robot's owner knows
+what is meant to touch: plans wait for ``contacts`` of the robot's YAML file.
+
+A sphere is fitted to the corners of a mesh's convex hull by least squares, ‖x‖² = 2 x·m + (r² − ‖m‖²), and made as
+large as the farthest of them is away. It is taken where nearly all corners, and the planes of half of the hull's
+surface, are no farther from it than a part of its radius: balls that are cut off on their sides, or have a neck, are
+balls, boxes and cylinders not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, read_only
+from .shapes import Shape, shape_elements
+from .solids import shape_points, solid_shapes
+
+if TYPE_CHECKING:
+    from .leg import Leg
+    from .robot_model import Mount
+
+ROUND = 0.15
+"""Share of a ball's radius: as far as a mesh that is taken for one may be from it."""
+NECK = 0.05
+"""Share of a ball's corners that may be farther from it, where a shank ends in it."""
+HALF = 0.5
+"""Share of a ball's surface that is round; the rest may be cut off."""
+DIGITS = 9
+"""Decimals of a ball's centre and radius as a URDF has them [m]."""
+FARTHER_M = 1e-3
+"""A shape that goes no farther than this beyond the ball at a leg's end does not touch before it."""
+SAME_M = 1e-6
+"""A shape is the one that touches if its centre and its radius are within this of the leg's."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contact:
+    """A foot's contact as a person says it: a point in the foot's link, shape (3,) [m], or a ball of radius_m about
+    it."""
+
+    point_m: Array
+    radius_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point_m", read_only(self.point_m, (3,), "contact: point_m"))
+        object.__setattr__(self, "radius_m", checked(self.radius_m, "contact: radius_m", least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placed:
+    """A shape of a leg's last body, number ``index`` of the robot's, and its rotation and origin in the last joint's
+    frame, shapes (3, 3), (3,) [m]."""
+
+    index: int
+    shape: Shape
+    rotation: Array
+    origin_m: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Touch:
+    """What touches: a ball of radius_m about centre_m in the last joint's frame, shape (3,) [m], on a link. index: the
+    number of its shape; doubt: why nobody knows, in which case the rest is that of a point at the farthest end."""
+
+    link: str
+    centre_m: Array
+    radius_m: float
+    index: int
+    doubt: str = ""
+
+
+def placed_shapes(
+    shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]]
+) -> list[Placed]:
+    """The shapes of the links of one body.
+
+    places: rotation and origin of every link of the body in the last joint's frame, by name.
+    """
+    bodies = {id(shape) for shape in solid_shapes(shapes)}
+    return [
+        Placed(
+            index=i,
+            shape=shape,
+            rotation=turn @ shape.rotation,
+            origin_m=place + turn @ shape.origin_m,
+        )
+        for i, shape in enumerate(shapes)
+        if shape.link in places and id(shape) in bodies
+        for turn, place in [places[shape.link]]
+    ]
+
+
+def touch_of(pieces: Sequence[Placed]) -> Touch | None:
+    """What a leg whose last body has these shapes touches with; None for a body without shapes."""
+    balls, others = list[tuple[float, Touch]](), list[tuple[float, Touch]]()
+    unread = [
+        piece.shape
+        for piece in pieces
+        if piece.shape.kind == "mesh" and piece.shape.corners_m is None
+    ]
+    for piece in pieces:
+        for centre, radius_m in _balls(piece):
+            found = Touch(
+                link=piece.shape.link, centre_m=centre, radius_m=radius_m, index=piece.index
+            )
+            balls.append((float(np.linalg.norm(centre)) + radius_m, found))
+        if not _balls(piece) and (points := shape_points(piece.shape)) is not None:
+            ends = piece.origin_m + points @ piece.rotation.T
+            far = np.linalg.norm(ends, axis=1)
+            text = f"touches with a {piece.shape.kind}: say with which point or ball, in a YAML file's contacts:"
+            others.append((float(far.max()), Touch(
+                link=piece.shape.link, centre_m=_farthest(piece), radius_m=0.0, index=piece.index, doubt=text
+            )))  # fmt: skip
+    ball = max(balls, key=lambda each: each[0], default=None)
+    other = max(others, key=lambda each: each[0], default=None)
+    if ball is not None and (other is None or other[0] <= ball[0] + FARTHER_M):
+        return ball[1]
+    if other is not None:
+        return other[1]
+    if unread:
+        text = "touches with a mesh that cannot be had: say with which point or ball, in a YAML file's contacts:"
+        return Touch(link=unread[0].link, centre_m=np.zeros(3), radius_m=0.0, index=-1, doubt=text)
+    return None
+
+
+def _farthest(piece: Placed) -> Array:
+    """The end of a shape that is farthest from the link's origin, about, in the last joint's frame, shape (3,) [m]."""
+    turn = piece.rotation @ piece.shape.rotation.T
+    return np.asarray(piece.origin_m + turn @ (piece.shape.far_m - piece.shape.origin_m))
+
+
+def _balls(piece: Placed) -> list[tuple[Array, float]]:
+    """Centre, shape (3,), and radius [m] of every ball that a shape is, or ends in."""
+    shape = piece.shape
+    if shape.kind == "sphere":
+        return [(piece.origin_m, float(shape.size_m[0]))]
+    if shape.kind == "capsule":
+        half = 0.5 * float(shape.size_m[1]) * piece.rotation[:, 2]
+        return [
+            (piece.origin_m + half, float(shape.size_m[0])),
+            (piece.origin_m - half, float(shape.size_m[0])),
+        ]
+    if (
+        shape.kind == "mesh"
+        and shape.corners_m is not None
+        and (ball := fitted_ball(shape.corners_m)) is not None
+    ):
+        middle = shape.rotation.T @ (
+            np.round(shape.origin_m + shape.rotation @ ball[0], DIGITS) - shape.origin_m
+        )
+        return [(piece.origin_m + piece.rotation @ middle, round(ball[1], DIGITS))]
+    return []
+
+
+def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
+    """Whether a leg's foot is this shape: a ball, or a capsule with its end, at the leg's own end."""
+    mount = mounts[shape.link]
+    if (
+        shape.kind not in ("sphere", "capsule")
+        or abs(float(shape.size_m[0]) - leg.radius_m) > SAME_M
+    ):
+        return False
+    turn = mount.rotation @ shape.rotation
+    piece = Placed(
+        index=-1,
+        shape=shape,
+        rotation=turn,
+        origin_m=mount.origin_m + mount.rotation @ shape.origin_m,
+    )
+    return any(
+        float(np.linalg.norm(centre - leg.chain.tip_m)) < SAME_M for centre, _ in _balls(piece)
+    )
+
+
+def feet_of(shapes: Sequence[Shape], legs: Sequence[Leg], mounts: Mapping[str, Mount]) -> list[int]:
+    """For every shape the number of the leg whose foot it is, −1 for those that are none."""
+    ends = {(i, len(leg.joints) - 1): leg for i, leg in enumerate(legs)}
+    found = []
+    for shape in shapes:
+        mount = mounts[shape.link]
+        leg = None if mount.leg is None else ends.get((mount.leg, mount.joint))
+        found.append(
+            mount.leg
+            if mount.leg is not None and leg is not None and touching(leg, mounts, shape)
+            else -1
+        )
+    return found
+
+
+def with_balls(
+    root: Element,
+    legs: Sequence[Leg],
+    shapes: Sequence[Shape],
+    mounts: Mapping[str, Mount],
+    indices: Sequence[int],
+) -> tuple[str, tuple[str, ...]]:
+    """The URDF with a sphere for every foot that is a ball and that it has no shape of, and the links that have them
+    now: in place of the mesh that is the ball, beside other shapes where a person says what touches.
+
+    indices: for every leg the number of the shape that touches, −1 for none. The text is empty where nothing changes.
+    """
+    elements, links = (
+        shape_elements(root),
+        {link.get("name", ""): link for link in root.findall("link")},
+    )
+    changed = list[str]()
+    for leg, index in zip(legs, indices, strict=True):
+        if leg.radius_m <= 0.0 or any(
+            touching(leg, mounts, shape) for shape in shapes if shape.link == leg.foot
+        ):
+            continue
+        link, mount = links[leg.foot], mounts[leg.foot]
+        gone = None if leg.contact is not None or index < 0 else elements[index][1]
+        if link.find("collision") is None:  # what it looks like is its body, and stays so
+            for visual in link.findall("visual"):
+                if visual is not gone:
+                    copy = ElementTree.fromstring(ElementTree.tostring(visual))
+                    copy.tag = "collision"
+                    link.append(copy)
+        elif gone is not None:
+            link.remove(gone)
+        middle = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m)
+        collision = SubElement(link, "collision")
+        SubElement(
+            collision, "origin", {"xyz": " ".join(repr(round(float(x), DIGITS)) for x in middle)}
+        )
+        SubElement(
+            SubElement(collision, "geometry"),
+            "sphere",
+            {"radius": repr(round(leg.radius_m, DIGITS))},
+        )
+        changed.append(leg.foot)
+    return ElementTree.tostring(root, encoding="unicode") if changed else "", tuple(changed)
+
+
+def check_contacts(legs: Sequence[Leg], name: str) -> None:
+    """Raise InvalidInput for legs of which nobody knows what touches."""
+    doubts = dict[str, list[str]]()
+    for leg in legs:
+        if leg.doubt:
+            doubts.setdefault(leg.doubt, []).append(leg.foot)
+    if doubts:
+        said = "; ".join(f"{', '.join(links)} {text}" for text, links in doubts.items())
+        raise InvalidInput(
+            f"robot {name}: expected feet that are balls or that its YAML file describes: {said}"
+        )
+
+
+def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
+    """Centre, shape (3,), and radius [m] of the ball that points, shape (V, 3), are the surface of; None where they
+    are that of none."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points_m)
+    except (QhullError, ValueError):
+        return None
+    outer = points_m[hull.vertices]
+    shift = outer.mean(axis=0)
+    rows = np.column_stack([2.0 * (outer - shift), np.ones(len(outer))])
+    middle = np.linalg.lstsq(rows, np.sum((outer - shift) ** 2, axis=1), rcond=None)[0][:3] + shift
+    away = np.linalg.norm(outer - middle, axis=1)
+    radius_m, least = float(away.max()), (1.0 - ROUND) * float(away.max())
+    a, b, c = (points_m[hull.simplices[:, corner]] for corner in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    near = -(hull.equations[:, :3] @ middle + hull.equations[:, 3]) >= least
+    round_all_over = float(np.quantile(away, NECK)) >= least
+    return (
+        (middle, radius_m) if round_all_over and areas[near].sum() >= HALF * areas.sum() else None
+    )

@@ -1,0 +1,94 @@
+"""Convex hulls of meshes: all that is known of a mesh as a body, and what travels in files in its place.
+
+A hull is of all corners of its mesh, to a micrometre. It is read once, when a robot's own files are read; a robot out
+of a plan's file has the hulls that were written, and looks for no mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.archive import unpacked
+from ..files.arrays import Array, read_only
+from ..files.embedded import embedded, extracted
+from .meshes import read_mesh
+from .shapes import Shape
+from .solids import solid_shapes
+
+DIGITS = 6
+"""Decimals of a corner [m]."""
+MOST_CORNERS = 1_000_000
+"""Corners of all hulls in one file."""
+
+
+def hull_corners(points_m: Array) -> Array | None:
+    """Corners of the convex hull of points, shape (V, 3) to (K, 3) [m]; None where they span no volume."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = np.unique(np.round(np.asarray(points_m, dtype=np.float64), DIGITS) + 0.0, axis=0)
+    if len(points) < 4 or not np.isfinite(points).all():
+        return None
+    try:
+        return np.asarray(points[np.sort(ConvexHull(points).vertices)])
+    except QhullError:
+        return None
+
+
+def with_hulls(shapes: Sequence[Shape]) -> tuple[Shape, ...]:
+    """The shapes, every mesh that is a link's body with the corners of its hull, where its file can be read."""
+    bodies, known = (
+        {id(shape) for shape in solid_shapes(shapes)},
+        dict[tuple[str, bytes], Array | None](),
+    )
+    found = []
+    for shape in shapes:
+        if shape.kind == "mesh" and shape.mesh is not None and id(shape) in bodies:
+            key = str(shape.mesh), shape.size_m.tobytes()
+            if key not in known:
+                mesh = read_mesh(shape.mesh, shape.size_m)
+                known[key] = None if mesh is None else hull_corners(mesh.vertices_m)
+            if (corners := known[key]) is not None:
+                shape = replace(shape, corners_m=corners)
+        found.append(shape)
+    return tuple(found)
+
+
+def hulls_to_text(shapes: Sequence[Shape]) -> str:
+    """The hulls of a robot's meshes as text, by the number of the shape; empty where it has none."""
+    hulls = {
+        str(i): shape.corners_m for i, shape in enumerate(shapes) if shape.corners_m is not None
+    }
+    return embedded(hulls) if hulls else ""
+
+
+def hulls_of_text(text: str) -> dict[int, Array]:
+    """The hulls that ``hulls_to_text`` wrote, by the number of the shape. Raises InvalidInput for what is none."""
+    if not text:
+        return {}
+    found = dict[int, Array]()
+    for name, corners in unpacked(extracted(text, "model: hulls"), "model: hulls").items():
+        if not name.isdecimal():
+            raise InvalidInput(f"model: hulls: expected numbers of shapes, got {name:.40}")
+        found[int(name)] = read_only(corners, (None, 3), f"model: hulls: {name}")
+    if sum(map(len, found.values())) > MOST_CORNERS:
+        raise InvalidInput(f"model: hulls: expected {MOST_CORNERS} corners or fewer, got more")
+    return found
+
+
+def with_known_hulls(shapes: Sequence[Shape], hulls: Mapping[int, Array]) -> tuple[Shape, ...]:
+    """The shapes with hulls by their number. Raises InvalidInput for a hull of what is no mesh, or is flat."""
+    for number, corners in hulls.items():
+        if number >= len(shapes) or shapes[number].kind != "mesh":
+            raise InvalidInput(f"model: hulls: expected hulls of meshes, got one of shape {number}")
+        if (own := hull_corners(corners)) is None or not np.array_equal(own, corners):
+            raise InvalidInput(
+                f"model: hulls: expected the corners of a convex hull, got others for shape {number}"
+            )
+    return tuple(
+        replace(shape, corners_m=hulls[i]) if i in hulls else shape
+        for i, shape in enumerate(shapes)
+    )

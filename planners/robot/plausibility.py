@@ -1,0 +1,155 @@
+"""Numbers of a robot's file that no robot has: doubts, a line each, that name the link.
+
+A body's principal moments a ≤ b ≤ c are at least 0, c ≤ a + b, and c ≤ m R² where all of it is within R of its centre
+of mass. A robot with a trunk that weighs nothing, or feet that do, is one whose masses were forgotten.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..files.validation import shown
+from .leg import Leg
+from .shapes import Shape, foothold
+from .solids import shape_points
+
+if TYPE_CHECKING:
+    from .robot_model import Mount
+
+Doubt = tuple[str, str]
+"""Of what, e.g. ``link trunk``, and what is hard to believe of it."""
+ROUNDED, ROUNDED_KGM2 = 0.05, 2e-6
+"""By how much rounding may break the triangle's inequality: as a share of the largest moment, and in all."""
+FAR = 10.0
+"""A moment of this many times m R² is one in other units."""
+LEAST_SHARE = 0.01
+"""Share of the robot's mass that its trunk has at least."""
+SMALLEST_M, LARGEST_M = 0.02, 5.0
+"""Lengths of legs between which robots are."""
+UPWARD = 0.25
+"""A leg whose foot is on average this share of its length above its hip points up."""
+SAMPLES = 500
+
+
+def link_inertia(link: Element) -> tuple[float, Array, Array]:
+    """Mass [kg], centre in the link, shape (3,) [m], and principal moments, shape (3,) [kg m²], zeros for a link
+    without. Raises InvalidInput for what is no number."""
+    where = f"link {shown(link.get('name', ''))}"
+    inertial = link.find("inertial")
+    if inertial is None:
+        return 0.0, np.zeros(3), np.zeros(3)
+    try:
+        element = inertial.find("mass")
+        mass = 0.0 if element is None else float(element.get("value", "0"))
+        element = inertial.find("inertia")
+        names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        entries = (
+            [0.0] * 6 if element is None else [float(element.get(name, "0")) for name in names]
+        )
+    except ValueError:
+        raise InvalidInput(f"{where}: expected a mass and moments of inertia in numbers") from None
+    if not np.isfinite([mass, *entries]).all():
+        raise InvalidInput(f"{where}: expected a finite mass and finite moments of inertia")
+    xx, xy, xz, yy, yz, zz = entries
+    moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return mass, foothold(inertial.find("origin"), where)[1], moments
+
+
+def body_doubts(
+    root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
+) -> Iterator[Doubt]:
+    """What is hard to believe of the masses of a robot's links. Raises InvalidInput as ``link_inertia`` does."""
+    reach = max((leg.chain.length_m for leg in legs), default=1.0)
+    masses = dict[tuple[int | None, int], float]()
+    for link in root.findall("link"):
+        name = link.get("name", "")
+        mass, centre, moments = link_inertia(link)
+        if (mount := mounts.get(name)) is not None:
+            masses[mount.leg, mount.joint] = masses.get((mount.leg, mount.joint), 0.0) + mass
+        if why := _inertia_doubt(mass, moments, _size_m(name, centre, shapes, reach)):
+            yield f"link {name}", why
+    total = sum(masses.values())
+    if masses.get((None, -1), 0.0) < LEAST_SHARE * total:
+        yield f"link {_first(mounts, None, -1)}", "the trunk weighs nothing, or next to nothing"
+    for i, leg in enumerate(legs):
+        for k in range(len(leg.joints)):
+            if masses.get((i, k), 0.0) <= 0.0:
+                yield (
+                    f"link {leg.foot if k == len(leg.joints) - 1 else _first(mounts, i, k)}",
+                    "weighs nothing",
+                )
+
+
+def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[Doubt]:
+    """Links that are feet and have no mass of their own."""
+    masses = {link.get("name", ""): link_inertia(link)[0] for link in root.findall("link")}
+    for leg in legs:
+        if masses.get(leg.foot, 0.0) <= 0.0:
+            yield f"link {leg.foot}", "a foot without a mass"
+
+
+def impossible(mass_kg: float, moments: Array) -> str:
+    """Why no body has this mass and these principal moments, in order, shape (3,) [kg m²]; empty where one may."""
+    small, middle, large = (float(moment) for moment in moments)
+    room = max(ROUNDED * abs(large), ROUNDED_KGM2)
+    if mass_kg < 0.0:
+        return f"a mass of {mass_kg:g} kg"
+    if small < -room:
+        return f"a moment of inertia of {small:.3g} kg m²"
+    if large > small + middle + room:
+        return f"moments of inertia that no body has, {large:.3g} kg m² beside {small:.3g} and {middle:.3g}"
+    return ""
+
+
+def _inertia_doubt(mass: float, moments: Array, size_m: float) -> str:
+    if why := impossible(mass, moments):
+        return why
+    most = FAR * mass * size_m**2
+    if mass > 0.0 and moments[2] > most + ROUNDED_KGM2:
+        return f"a moment of inertia of {moments[2]:.3g} kg m², of {mass:.3g} kg within {size_m:.2g} m: other units?"
+    return ""
+
+
+def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -> float:
+    """How far a link goes from its centre of mass; where it has no shape, as far as a leg [m]."""
+    points = [
+        shape.origin_m + corners @ shape.rotation.T
+        for shape in shapes
+        if shape.link == name and (corners := shape_points(shape)) is not None
+    ]
+    if not points:
+        return reach_m
+    return float(np.linalg.norm(np.vstack(points) - centre, axis=1).max())
+
+
+def _first(mounts: Mapping[str, Mount], leg: int | None, joint: int) -> str:
+    """A link that a joint, or none, carries."""
+    return next(
+        (name for name, mount in mounts.items() if (mount.leg, mount.joint) == (leg, joint)), "?"
+    )
+
+
+def wrong_links(root: Element) -> str:
+    """The links whose mass or inertia no body has, and why, in one line; empty where there is none."""
+    whys = [(link.get("name", ""), impossible(mass, moments)) for link in root.findall("link")
+            for mass, _, moments in [link_inertia(link)]]  # fmt: skip
+    return "; ".join(f"link {shown(name)}: {why}" for name, why in whys if why)
+
+
+def leg_doubts(legs: Sequence[Leg]) -> Iterator[Doubt]:
+    """Legs that are longer or shorter than robots', which are in other units."""
+    for leg in legs:
+        if not SMALLEST_M <= leg.chain.length_m <= LARGEST_M:
+            yield f"link {leg.foot}", f"a leg of {leg.chain.length_m:.3g} m: other units?"
+
+
+def points_up(leg: Leg) -> bool:
+    """Whether a leg's foot is mostly above its hip."""
+    feet = leg.chain.feet(leg.random_angles(SAMPLES, np.random.default_rng(0)))
+    return float(feet[:, 2].mean() - leg.hip_m[2]) > UPWARD * leg.chain.length_m

@@ -1,0 +1,83 @@
+"""Plan a course: contacts with friction in reserve, a proof over the outer sets of the legs, joints, and a verdict.
+
+Plans keep to the inner sets of a robot's legs, which its feet surely reach, and proofs hold for the outer ones, which
+hold all that they might reach: that there is no plan within inner sets says nothing of the robot.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from ..answer.outcome import Status
+from ..answer.plan import PlanOutcome
+from ..files.arrays import Array
+from ..problem.course import Course
+from ..projection.support_margin import PRESSES
+from ..projection.whole_body_limits import WholeBodyLimits
+from ..robot.contact_robot import Sets, sets_of, with_sets
+from .answer import CoursePlanner
+from .friction_margin import SHARES, limited_to, plan_with_reserve, slippery
+
+LayOut = Callable[[Sets], Course]
+"""A function that lays a course out over the inner or the outer sets of the robot's legs."""
+SEARCH = 0.75
+"""Fraction of the time within which contacts are to be found, so that they can still be bent and judged."""
+ALL_FRICTION = (1.0,)
+"""Shares of the friction for a plan without a reserve."""
+UNPROVED = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
+NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
+
+
+def plan_course(
+    question: Course | LayOut,
+    planner: CoursePlanner,
+    *,
+    shares: Sequence[float] | None = None,
+    presses: Sequence[float] | None = None,
+    limits: WholeBodyLimits | None = WholeBodyLimits(),
+    start_rad: Array | None = None,
+    deadline: float = math.inf,
+) -> PlanOutcome:
+    """Answer a course: a plan that was judged, a proof that there is none, or what is known when the time ends.
+
+    question: the course, or a function that lays it out; a function may choose other candidates for a proof, which is
+    then one about all that the robot may reach, while a course is answered with the candidates that it has.
+    planner: of contacts and forces. shares: of the friction, see ``plan_with_reserve``; None for 0.8, 0.9 and 1 with
+    the two-stage planner, and all of it with others. presses: likewise; None for the usual ones with a reserve.
+    limits: of joints and bodies, to which the plan is bent, and then judged with all of the whole body; None leaves it
+    at contacts. start_rad: joints of a robot that stands already, as for ``plan_angles``, shape (J,).
+    deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
+    Returns the outcome with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
+    and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques are asked for of a
+    robot whose joints are not known.
+    """
+    course = question("inner") if callable(question) else question
+    if shares is None:
+        shares = SHARES if planner.name == "two-stage" else ALL_FRICTION
+    if presses is None:
+        presses = PRESSES if len(shares) > 1 else ()
+    searched = deadline
+    if limits is not None and not math.isinf(deadline):
+        searched -= (1.0 - SEARCH) * max(deadline - time.perf_counter(), 0.0)
+    outcome = plan_with_reserve(planner, course, shares, presses, deadline=searched)
+    if outcome.certificate is not None and course.robot.model is not None and sets_of(course.robot) != "outer":
+        outer = question("outer") if callable(question) else course
+        outer = replace(outer, robot=with_sets(outer.robot, "outer"))
+        outcome = _refuted(outcome, slippery(outer, shares[-1]), limited_to(planner, deadline))
+    if limits is None or outcome.plan is None:
+        return outcome
+    from .whole_body_outcome import with_whole_body  # slow to import
+
+    return with_whole_body(outcome, limits, start_rad, deadline=deadline)
+
+
+def _refuted(inner: PlanOutcome, outer: Course, planner: CoursePlanner | None) -> PlanOutcome:
+    """The proof over outer sets, else the course is undecided. planner: None where no time is left."""
+    found = None if planner is None else planner.solve(outer)
+    if found is not None and found.certificate is not None:
+        return found
+    message = NO_TIME if found is None else UNPROVED
+    return replace(inner, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim="")

@@ -1,0 +1,37 @@
+"""One question, one answer: a few of ``tests/doors.py`` at every door that takes them; ``benchmarks/doors.py`` has all."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from tests.doors import DOORS, asked, differences, questions
+
+pytest.importorskip("pinocchio")
+FEW = ("flat-2-0.4", "gait-all", "slick-2-0.1", "dog-0.58", "dog-0.66", "weak-1", "wall-0", "ground-1")
+QUESTIONS = {question.name: question for question in questions()}
+
+
+def test_there_are_forty_questions_of_every_kind() -> None:
+    expected = Counter(question.expected for question in QUESTIONS.values())
+    assert len(QUESTIONS) >= 40
+    assert expected["feasible"] >= 8
+    assert expected["infeasible"] >= 8
+    assert expected["undecided"] >= 4
+    assert sum("robot" in question.keys for question in QUESTIONS.values()) >= 6
+    assert set(FEW) <= set(QUESTIONS)
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_every_door_says_the_same(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    question = QUESTIONS[name]
+    told = asked(question, tmp_path)
+    assert not differences(told)
+    answers = [said for each in told.values() for said in each.values()]
+    assert len(answers) >= len(DOORS["course"]) - 1
+    if question.expected:
+        assert {said.status for said in answers} == {question.expected}
+    assert all(bool(said.proved) == (said.status == "infeasible") for said in answers)

@@ -1,0 +1,260 @@
+"""Forty questions, and the doors that take them: each is asked at every door, and all have to say the same.
+
+A door takes a question where a user can put it there as it is. These do not: ``Traverse-v0`` and the closed loop
+(``run --policy``) ask for windows of a course from where their robot stands, and so are compared with ``replan``, the
+function that both call; the playground takes courses as keys, and no limit of torque; ``solve`` takes postures alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import stancekit
+from stancekit.cli.main import parse, run
+from stancekit.planners.answer.outcome import Outcome, Status
+from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.proof_file import read_proof
+from stancekit.planners.files.writing import write_text
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_json import course_to_json
+from stancekit.planners.problem.posture_batch import PostureBatch
+from stancekit.planners.projection.support_margin import PRESSES
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.search.answer import objective_of
+from stancekit.planners.search.batch import solve_all
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.friction_margin import SHARES
+from stancekit.planners.search.replan import replan
+from stancekit.views.playground.answer import patient_answer
+from stancekit.views.playground.keys_scenario import KeysScenario
+from tests.planners.robot.small_urdfs import quadruped
+
+NARROW = {"com_radius_m": 0.005, "first_radius_m": 0.005, "tilt_limit_rad": 0.01}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """A course by its keys, or by a built-in name with a number of key frames, or a posture problem.
+
+    expected: the status that it was made to have. torque_nm: no joint is to take more [Nm]; None: what it has.
+    """
+
+    name: str
+    expected: str
+    keys: Mapping[str, Any] = field(default_factory=dict)
+    posture: PostureProblem | None = None
+    torque_nm: float | None = None
+
+    def file(self, folder: Path) -> Path:
+        """Write it, and the robot that it names, as a user would."""
+        if self.posture is not None:
+            path = folder / f"{self.name}.json"
+            write_text(path, json.dumps(self.posture.to_json()))
+            return path
+        (folder / "dog.urdf").write_text(quadruped())
+        path = folder / f"{self.name}.yaml"
+        write_text(path, json.dumps({"name": self.name, **self.keys}))  # JSON is YAML
+        return path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Said:
+    """What a door says: the status, the digest of the problem that a certificate is a proof of, and the objective."""
+
+    status: str
+    proved: str = ""
+    objective: float = math.nan
+
+    def same(self, other: Said) -> bool:
+        """Whether both say the same, the objective to 1e-9."""
+        near = math.isclose(self.objective, other.objective, rel_tol=1e-9, abs_tol=1e-12)
+        both = math.isnan(self.objective) and math.isnan(other.objective)
+        return (self.status, self.proved) == (other.status, other.proved) and (near or both)
+
+
+def questions() -> Iterator[Question]:
+    """All of them: hexapods on built-in terrain, a quadruped of a URDF, and postures."""
+    for frames in (2, 3):
+        for friction in (0.4, 0.7):
+            yield Question(name=f"flat-{frames}-{friction:g}", expected="feasible", keys=_flat(frames, friction))
+    for gait in ("all", "wave"):
+        yield Question(name=f"gait-{gait}", expected="feasible", keys=_flat(3, 0.6) | {"gait": gait})
+    for frames in (2, 3):
+        for friction in (0.05, 0.1, 0.15):
+            yield Question(name=f"slick-{frames}-{friction:g}", expected="infeasible", keys=_walls(frames, friction))
+    yield Question(name="walls", expected="feasible", keys=_walls(3, 1.0))
+    for expected, heights_m in (
+        ("feasible", (0.48, 0.5)), ("undecided", (0.52, 0.56, 0.57, 0.58)), ("infeasible", (0.6, 0.62, 0.64, 0.66)),
+    ):  # fmt: skip
+        for height_m in heights_m:
+            yield Question(name=f"dog-{height_m:g}", expected=expected, keys=_dog(height_m))
+    for torque_nm in (0.5, 1.0):
+        yield Question(
+            name=f"weak-{torque_nm:g}", expected="undecided", keys=_flat(2, 0.6), torque_nm=torque_nm
+        )  # fmt: skip
+    for number, problem in enumerate(stancekit.sample("wall-3", 8, rng=7)):
+        yield Question(name=f"wall-{number}", expected="", posture=problem)
+    for number, problem in enumerate(stancekit.sample("ground-3", 9, rng=7)):
+        yield Question(name=f"ground-{number}", expected="", posture=problem)
+
+
+def _flat(frames: int, friction: float, height_m: float = 0.2) -> dict[str, Any]:
+    return {
+        "frames": frames, "gait": "tripod", "start_m": [0.0, 0.0, height_m], "goal_m": [0.06, 0.0, height_m],
+        "terrain": {"kind": "flat", "friction": friction},
+    }  # fmt: skip
+
+
+def _walls(frames: int, friction: float) -> dict[str, Any]:
+    return {
+        "frames": frames, "gait": "tripod", "start_m": [0.0, 0.0, 0.2], "goal_m": [0.0, 0.0, 0.55], "stride_m": 0.05,
+        "stance": {"outward_m": 0.08, "down_m": 0.0}, "candidates": {"count": 1, "window_m": 0.26, "margin_m": 0.02},
+        "terrain": {"kind": "walls", "friction": friction, "apart_m": 0.38},
+    }  # fmt: skip
+
+
+def _dog(height_m: float) -> dict[str, Any]:
+    return {
+        "robot": "dog.urdf", "frames": 3, "gait": "wave", "start_m": [0.0, 0.0, height_m],
+        "goal_m": [0.1, 0.0, height_m], "body": NARROW, "terrain": {"kind": "flat", "friction": 0.7},
+    }  # fmt: skip
+
+
+Door = Callable[[Question, Path], Said]
+
+
+def by_name(question: Question, folder: Path) -> Said:
+    """``stancekit.plan`` of a file."""
+    return _said(stancekit.plan(question.file(folder), torque_nm=question.torque_nm))
+
+
+def by_value(question: Question, folder: Path) -> Said:
+    """``stancekit.plan`` of what ``stancekit.load`` gives."""
+    return _said(stancekit.plan(stancekit.load(question.file(folder)), torque_nm=question.torque_nm))
+
+
+def by_command(question: Question, folder: Path) -> Said:
+    """``stancekit plan``."""
+    proof = folder / f"{question.name}.proof.json"
+    proof.unlink(missing_ok=True)
+    options = [] if question.torque_nm is None else ["--torque-nm", str(question.torque_nm)]
+    record = _command("plan", question.file(folder), "--json", "--proof", proof, *options)
+    proved = digest_of(read_proof(proof)[0]) if proof.exists() else ""
+    objective = math.nan if record["objective"] is None else record["objective"]
+    return Said(status=record["status"], proved=proved, objective=objective)
+
+
+def by_playground(question: Question, folder: Path) -> Said:
+    """The playground, once nothing is changed."""
+    answer = patient_answer(KeysScenario.of(str(question.file(folder))))
+    assert answer.status is not None, answer.message
+    proved = answer.status is Status.INFEASIBLE and answer.course is not None
+    return Said(
+        status=answer.status.value,
+        proved=digest_of(answer.course) if proved and answer.course is not None else "",
+        objective=math.nan if answer.plan is None else objective_of(answer.plan),
+    )
+
+
+def by_replan(question: Question, folder: Path) -> Said:
+    """``replan``, the function of the closed loop and of Traverse-v0, asked for the whole course with its limits."""
+    course = stancekit.load(question.file(folder), Course)
+    limits = WholeBodyLimits(torque_nm=question.torque_nm)
+    return _said(replan(None, course, shares=SHARES, presses=PRESSES, limits=limits))
+
+
+def by_solve(question: Question, folder: Path) -> Said:
+    """``stancekit.solve``."""
+    assert question.posture is not None
+    return _said(stancekit.solve(question.posture))
+
+
+def by_solve_command(question: Question, folder: Path) -> Said:
+    """``stancekit solve``: its answer is of the problem that it was given, a line each."""
+    assert question.posture is not None
+    record = _command("solve", question.file(folder), "--json")
+    return Said(status=record["status"], proved=_proved(record["status"], question.posture))
+
+
+def by_label(question: Question, folder: Path) -> Said:
+    """The search that labels problems in batches."""
+    assert question.posture is not None
+    (outcome,) = solve_all(ExactPlanner(), PostureBatch.stacked([question.posture]))
+    return Said(status=outcome.status.value, proved=_proved(outcome.status.value, question.posture))
+
+
+def by_plan_of_posture(question: Question, folder: Path) -> Said:
+    """``stancekit.plan`` of a posture problem."""
+    assert question.posture is not None
+    return _said(stancekit.plan(question.posture))
+
+
+DOORS: dict[str, tuple[Door, ...]] = {
+    "course": (by_name, by_value, by_command, by_playground, by_replan),
+    "posture": (by_solve, by_solve_command, by_label),
+    "posture as a course": (by_plan_of_posture, by_command),
+}
+"""The doors of every kind of question; those of one kind have to say the same."""
+
+
+def asked(question: Question, folder: Path) -> dict[str, dict[str, Said]]:
+    """What the doors that take a question say, by the kind of the question and the name of the door."""
+    kinds = ("course",) if question.posture is None else ("posture", "posture as a course")
+    told = dict[str, dict[str, Said]]()
+    for kind in kinds:
+        doors = [door for door in DOORS[kind] if not (door is by_playground and question.torque_nm is not None)]
+        told[kind] = {door.__name__: door(question, folder) for door in doors}
+    return told
+
+
+def differences(told: Mapping[str, Mapping[str, Said]]) -> list[str]:
+    """Where two doors of a kind say different things, and where a proof of one kind meets a plan of another."""
+    found = list[str]()
+    for kind, each in told.items():
+        first, *others = each.items()
+        found += [f"{kind}: {first} and {other}" for other in others if not first[1].same(other[1])]
+    statuses = {said.status for each in told.values() for said in each.values()}
+    if {"feasible", "infeasible"} <= statuses:
+        found.append(f"contradiction: {told}")
+    return found
+
+
+def digest_of(problem: PostureProblem | Course) -> str:
+    """SHA-256 of a problem as its file has it, and of the name of nothing: a course of another name is the same."""
+    data = problem.to_json() if isinstance(problem, PostureProblem) else {**course_to_json(problem), "name": ""}
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+
+
+def _proved(status: str, problem: PostureProblem | Course) -> str:
+    return digest_of(problem) if status == "infeasible" else ""
+
+
+def _said(outcome: Outcome | PlanOutcome) -> Said:
+    """What an outcome of the library says, whose certificate has to prove what it carries."""
+    proved = ""
+    if outcome.certificate is not None:
+        assert outcome.problem is not None
+        assert stancekit.verify(outcome.problem, outcome.certificate).accepted
+        assert stancekit.explain(outcome).message.startswith("infeasible: ")
+        proved = digest_of(outcome.problem)
+    objective = outcome.objective if isinstance(outcome, PlanOutcome) else math.nan
+    return Said(status=outcome.status.value, proved=proved, objective=objective)
+
+
+def _command(*arguments: object) -> dict[str, Any]:
+    """The one record that a command prints."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
+        run(parse([str(argument) for argument in arguments]))
+    (line,) = out.getvalue().splitlines()
+    record: dict[str, Any] = json.loads(line)
+    return record

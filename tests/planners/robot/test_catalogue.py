@@ -1,0 +1,55 @@
+"""Robots with a name: each file fits its URDF, and a package that is missing is named with the command for it."""
+
+from pathlib import Path
+
+import pytest
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.robot import catalogue as module
+from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
+from stancekit.planners.robot.robot_file import named_robot, read_keys
+from stancekit.planners.robot.walker import named_walker
+
+pytest.importorskip("pinocchio")
+HERE = sorted(name for name, path in catalogue().items() if provider_folder(read_keys(path).provider) is not None)
+
+
+def test_every_robot_names_a_provider_a_urdf_and_its_feet() -> None:
+    assert {"go1", "go2", "a1", "anymal_b", "solo12"} <= set(catalogue())
+    for name, path in catalogue().items():
+        keys = read_keys(path)
+        assert keys.provider in PROVIDERS
+        assert keys.name == name
+        assert keys.urdf.endswith(".urdf")
+        assert isinstance(keys.feet, dict)
+        assert len(keys.feet) == 4
+
+
+@pytest.mark.parametrize("name", HERE)
+def test_a_robot_stands_on_the_feet_of_its_file_with_a_torque_limit_at_every_joint(name: str) -> None:
+    model, keys = named_robot(name), read_keys(catalogue()[name])
+    assert isinstance(keys.feet, dict)
+    assert {leg.name: leg.foot for leg in model.legs} == keys.feet
+    assert all(0.0 < joint.torque_nm < 500.0 for leg in model.legs for joint in leg.joints)
+    assert len({round(float(leg.nominal_m[2]), 2) for leg in model.legs}) == 1  # it stands level
+
+
+def test_a_walk_takes_the_same_name() -> None:
+    assert HERE
+    assert named_walker(HERE[0]).name == HERE[0]
+
+
+def test_a_provider_that_is_not_installed_is_named_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "provider_folder", lambda provider: None)
+    for read in (named_robot, named_walker):
+        with pytest.raises(InvalidInput) as caught:
+            read("go1")
+        assert str(caught.value) == (
+            "robot: go1 needs the URDF of example-robot-data, which is not installed: pip install 'stancekit[robots]'"
+        )
+
+
+def test_a_file_of_ones_own_may_name_a_provider(tmp_path: Path) -> None:
+    (tmp_path / "low.yaml").write_text("provider: pybullet\nurdf: none/there.urdf\n")
+    with pytest.raises(InvalidInput, match=r"low.yaml: .*pybullet_data/none/there.urdf: expected a file"):
+        named_robot(tmp_path / "low.yaml")

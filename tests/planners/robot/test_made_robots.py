@@ -1,0 +1,233 @@
+"""Robots of our own making: what is read of them, what is refused, and that the sound ones stand where plans say."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan_file import check_file, write_plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.hulls import hull_corners
+from stancekit.planners.robot.legged import robot_of
+from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot.robot_model import RobotModel
+from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.robot.walker import walker_of
+from stancekit.planners.search.methods import PlannerOptions, make_course_planner
+from stancekit.planners.search.whole_body_outcome import judged_whole_body
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.obstacles import Obstacles
+from tests.planners.robot.made_robots import FILES, PLACES, Made, R, lowest_m, made_robots, obj, quadruped
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("coal")
+from stancekit.planners.robot.bodies import Bodies
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.overlaps import WholeBody
+
+MADE = {made.name: made for made in made_robots()}
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def read(name: str, folder: Path) -> RobotModel:
+    return named_robot(MADE[name].write(folder))
+
+
+def said(model: RobotModel, kind: str = "doubt") -> str:
+    return "\n".join(remark.text for remark in model.remarks if remark.kind == kind)
+
+
+def planned(path: Path, model: RobotModel) -> tuple[Any, Any]:
+    """A plan of one key frame on level ground, and what the verifier says."""
+    (path.parent / "course.yaml").write_text(
+        f"name: level\nrobot: {path.name}\nframes: 1\ngait: wave\nstart_m: [0, 0]\n"
+        f"goal_m: [0, 0, {model.stand_height_m}]\nterrain: {{kind: flat, friction: 0.7}}\n"
+    )
+    course = read_course(path.parent / "course.yaml")
+    outcome, report = judged_whole_body(make_course_planner("two-stage", PlannerOptions()).solve(course))
+    return outcome.plan, report
+
+
+def test_there_are_sixty_of_which_most_are_sound() -> None:
+    assert len(MADE) == 60
+    assert sum(made.sound for made in MADE.values()) >= 25
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(("shape", "below_m"), [("sphere", 0.0), ("capsule", 0.0), ("ball-mesh", 0.0)])
+def test_a_leg_that_ends_in_a_ball_touches_with_it_wherever_in_its_last_body_it_is(
+    shape: str, below_m: float, place: str, tmp_path: Path
+) -> None:
+    model = read(f"{shape}-{place}", tmp_path)
+    for leg in model.legs:
+        assert leg.radius_m == pytest.approx(R, abs=2e-4)
+        np.testing.assert_allclose(leg.chain.tip_m, [0.0, 0.0, -0.2 - below_m], atol=2e-4)
+        assert leg.foot == f"{leg.name}_{'shank' if place == 'on-shank' else 'foot'}"
+    assert "touches with" not in said(model)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(("shape", "kind"), [("box", "box"), ("cylinder", "cylinder"), ("cone-mesh", "mesh")])
+def test_of_any_other_shape_a_person_has_to_say_what_touches(shape: str, kind: str, place: str, tmp_path: Path) -> None:
+    model = read(f"{shape}-{place}", tmp_path)
+    foot = "shank" if place == "on-shank" else "foot"
+    assert f"links LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot}: touches with a {kind}" in said(model)
+    with pytest.raises(InvalidInput, match=rf"LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot} touches with a {kind}"):
+        walker_of(model, [])
+
+
+@pytest.mark.parametrize("name", ["capsule-on-shank", "box-in-a-ball", "y-up-told"])
+def test_sound_robots_are_planned_and_stand_on_the_ground(name: str, tmp_path: Path) -> None:
+    path = MADE[name].write(tmp_path)
+    model = named_robot(path)
+    plan, report = planned(path, model)
+    assert report.accepted, report.message
+    if MADE[name].keys.startswith("contacts"):
+        (tmp_path / "robot.urdf").write_text(model.urdf)
+    rpy = np.array([np.pi / 2.0 if name == "y-up-told" else 0.0, 0.0, 0.0])
+    standing = dict(zip(model.joint_names, np.concatenate([leg.stance_rad for leg in model.legs]), strict=True))
+    posture = dict(zip(model.joint_names, plan.joints_rad[0], strict=True))
+    turn = rotation_of(plan.rotation_rad[0])
+    low = lowest_m(tmp_path / "robot.urdf", standing, posture, plan.com_m[0], turn, rpy)
+    for leg in model.leg_names:
+        assert abs(min(z for link, z in low.items() if link.startswith(leg))) < 1e-3
+
+
+def test_points_that_a_person_says_are_of_shapes_that_stay_judged(tmp_path: Path) -> None:
+    path = MADE["wheel-as-a-point"].write(tmp_path)
+    plan, report = planned(path, named_robot(path))
+    assert plan is None or report is None or not report.accepted
+
+
+def test_a_plan_of_another_robots_meshes_is_refused_and_no_folder_is_in_it(tmp_path: Path) -> None:
+    plain, fin = (MADE[name].write(tmp_path / name) for name in ("shanks-of-meshes", "shanks-with-a-fin"))
+    assert plain.read_text() == fin.read_text()
+    plan, report = planned(plain, named_robot(plain))
+    assert report.accepted, report.message
+    file = tmp_path / "plan.json"
+    write_plan(file, plan, report)
+    assert str(tmp_path) not in file.read_text()
+    assert check_file(file, robot=named_robot(plain)).accepted
+    with pytest.raises(InvalidInput, match="expected a plan for the robot made as its file is"):
+        check_file(file, robot=named_robot(fin))
+    for each in plain.parent.glob("*.obj"):
+        each.unlink()  # what is judged travels with the plan
+    assert check_file(file).accepted
+
+
+@pytest.mark.parametrize("place", ["own-link", "on-shank"])
+def test_a_shank_in_a_ridge_is_found_whether_or_not_its_foot_is_a_shape_of_it(place: str, tmp_path: Path) -> None:
+    model = read(f"sphere-{place}", tmp_path)
+    kinematics = Kinematics(robot_of(model))
+    angles = np.concatenate([leg.stance_rad for leg in model.legs])
+    feet = np.array([leg.nominal_m for leg in model.legs])
+    height = R - float(feet[:, 2].min())
+    turns, origins = model.legs[0].chain.frames(model.legs[0].stance_rad[None])
+    middle = origins[0, -1] + turns[0, -1] @ [0.0, 0.0, -0.1] + height * UP
+
+    def body(ridge_m: float) -> list[str]:
+        def heights(x: Any, y: Any) -> Any:
+            return ridge_m * np.exp(-(((x - middle[0]) / 0.02) ** 2) - ((y - middle[1]) / 0.02) ** 2)
+
+        ground = HeightField.from_function(heights, 1.0, 0.01, name="ridge")
+        made = Bodies(kinematics, Obstacles.under(ground))
+        toes = feet + height * UP - R * UP
+        posture = WholeBody(
+            rotation=np.eye(3), origin_m=height * UP, angles=angles, toes_m=toes, normals=np.tile(UP, (4, 1)),
+            stands=np.ones(4, dtype=bool),
+        )  # fmt: skip
+        return [overlap.link for overlap in made.overlaps(posture)]
+
+    assert body(0.0) == []
+    assert "LF_shank" in body(float(middle[2]) + 0.02)
+
+
+def test_hulls_are_of_all_corners() -> None:
+    directions = np.random.default_rng(0).normal(size=(20_000, 3))
+    points = 0.1 * directions / np.linalg.norm(directions, axis=1)[:, None]
+    points[1234] = [0.0, 0.0, 0.3]
+    corners = hull_corners(points)
+    assert corners is not None
+    np.testing.assert_allclose(corners.max(axis=0)[2], 0.3)
+    assert len(corners) > 10_000
+    assert hull_corners(np.zeros((10, 3))) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("negative-moment", "link trunk: a moment of inertia of -0.02 kg m²"),
+        ("broken-triangle", "link trunk: moments of inertia that no body has"),
+        ("moments-in-kg-mm2", "link trunk: a moment of inertia of 1e+05 kg m², of 6 kg within"),
+        ("trunk-without-mass", "link trunk: the trunk weighs nothing"),
+        ("feet-without-mass", "links LF_foot, RF_foot, LH_foot, RH_foot: a foot without a mass"),
+        ("joints-without-effort", "no torque limit"),
+        ("knees-that-slide", "joints LF_KFE, RF_KFE, LH_KFE, RH_KFE: slides"),
+        ("in-millimetres", "a leg of 400 m: other units?"),
+        ("a-heel-below-its-foot", "LF_shank: touches with a box"),
+        ("feet-missing", "touches with a mesh that cannot be had"),
+        ("feet-squashed", "touches with a mesh"),
+    ],
+)
+def test_what_no_robot_has_is_a_doubt_that_names_the_link(name: str, line: str, tmp_path: Path) -> None:
+    assert line in said(read(name, tmp_path))
+
+
+def test_what_cannot_be_read_as_a_robot_is_refused_with_its_link(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"link 'LF_shank': a mass of -0\.1"):
+        read("shanks-of-negative-mass", tmp_path / "a")
+    with pytest.raises(InvalidInput, match="mimics LF_HFE"):
+        read("knees-that-mimic", tmp_path / "b")
+
+
+@pytest.mark.parametrize("name", ["arm-on-the-back", "chain-in-front", "two-arms", "tail"])
+def test_arms_and_tails_are_no_legs(name: str, tmp_path: Path) -> None:
+    model = read(name, tmp_path)
+    assert model.leg_names == ("LF", "RF", "LH", "RH")
+
+
+def test_a_root_whose_z_is_not_up_is_settled_by_a_person(tmp_path: Path) -> None:
+    model = read("y-up", tmp_path / "a")
+    assert "z does not point up" in said(model)
+    with pytest.raises(InvalidInput, match="its z does not point up"):
+        model.check_known()
+    read("y-up-told", tmp_path / "b").check_known()
+
+
+@pytest.mark.parametrize("name", ["floating-root", "planar-root", "fixed-root"])
+def test_a_root_joint_that_flies_is_the_base(name: str, tmp_path: Path) -> None:
+    model, plain = read(name, tmp_path / "a"), read("sphere-own-link", tmp_path / "b")
+    assert model.joint_names == plain.joint_names
+    assert model.body.mass_kg == pytest.approx(plain.body.mass_kg)
+    np.testing.assert_allclose(model.body.com_m, plain.body.com_m, atol=1e-9)
+
+
+def test_what_run_cannot_do_is_known_before(tmp_path: Path) -> None:
+    assert "slides" in read("knees-that-slide", tmp_path / "a").unrunnable[0]
+    assert "no torque limit" in read("joints-without-effort", tmp_path / "b").unrunnable[0]
+    assert read("sphere-own-link", tmp_path / "c").unrunnable == ()
+
+
+@pytest.mark.parametrize(("name", "legs"), [("eight-legs", 8)])
+def test_walks_of_other_numbers_of_legs_are_refused_in_words(name: str, legs: int, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=f"expected four or six legs for a walk, got {legs}: walks of bipeds and of"):
+        walker_of(read(name, tmp_path))
+
+
+def test_contacts_of_no_leg_are_refused(tmp_path: Path) -> None:
+    made = Made(name="x", urdf=quadruped(shape="box"), keys="contacts: {XY_foot: {radius_m: 0.04}}\n")
+    with pytest.raises(InvalidInput, match="contacts: expected one of LF_foot"):
+        named_robot(made.write(tmp_path))
+
+
+def test_a_foot_of_a_mesh_stays_the_same_robot_whatever_lies_beside_it(tmp_path: Path) -> None:
+    made = Made(name="x", urdf=quadruped(shape="ball-mesh"), files=FILES["ball-mesh"])
+    before = named_robot(made.write(tmp_path))
+    (tmp_path / "ball.obj").write_text(obj(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])))
+    assert named_robot(tmp_path / "robot.urdf").digest != before.digest
+    assert not re.search("mesh", before.urdf)

@@ -1,0 +1,195 @@
+"""One function answers a course: within inner sets, proved over outer ones, bent, judged, and within its time."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.errors import TimeEnded
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_json import course_from_json, course_to_json
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.robot.contact_robot import Sets, sets_of, with_sets
+from stancekit.planners.search.plan_course import UNPROVED, plan_course
+from stancekit.planners.search.plan_window import Standing
+from stancekit.planners.search.replan import replan
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_certificate, check_plan
+from tests.planners.robot.small_urdfs import quadruped
+
+pytest.importorskip("pinocchio")
+HIGH = """
+name: high
+robot: dog.urdf
+frames: 3
+gait: wave
+start_m: [0.0, 0.0, {0}]
+goal_m: [0.1, 0.0, {0}]
+body: {{com_radius_m: 0.005, first_radius_m: 0.005, tilt_limit_rad: 0.01}}
+terrain: {{kind: flat, friction: 0.7}}
+"""
+
+
+@pytest.fixture(scope="module")
+def high(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], Path]:
+    """The file of a course on which a quadruped stands so high [m]: 0.58 is out of its inner sets, 0.66 of all."""
+    folder = tmp_path_factory.mktemp("high")
+    (folder / "dog.urdf").write_text(quadruped())
+
+    def high(height_m: float) -> Path:
+        path = folder / f"high-{height_m:g}.yaml"
+        path.write_text(HIGH.format(height_m))
+        return path
+
+    return high
+
+
+def test_a_robots_sets_are_told_from_its_numbers_and_survive_a_file(high: Callable[[float], Path]) -> None:
+    course = read_course(high(0.5))
+    assert sets_of(course.robot) == "inner"
+    outer = replace(course, robot=with_sets(course.robot, "outer"))
+    assert sets_of(course_from_json(course_to_json(outer)).robot) == "outer"
+    assert sets_of(read_course(high(0.5), sets="outer").robot) == "outer"
+    shifted = replace(course.robot.limbs[0], reach_m=course.robot.limbs[0].reach_m + 1e-6)
+    assert sets_of(replace(course.robot, limbs=(shifted, *course.robot.limbs[1:]))) is None
+    assert sets_of(read_course("walls").robot) is None
+
+
+@pytest.mark.parametrize("laid_out", [True, False])
+def test_inner_sets_prove_nothing_of_a_robot(high: Callable[[float], Path], laid_out: bool) -> None:
+    path = high(0.58)
+    course = read_course(path)
+    inner = TwoStageCoursePlanner().solve(course)
+    assert (inner.status, inner.sets) == (Status.INFEASIBLE, "inner")  # of these sets it is true
+    outcome = plan_course(course if laid_out else lambda sets: read_course(path, sets=sets), TwoStageCoursePlanner())
+    assert (outcome.status, outcome.message) == (Status.UNDECIDED, UNPROVED)
+    assert outcome.certificate is None
+    assert math.isnan(outcome.bound)
+
+
+@pytest.mark.parametrize("laid_out", [True, False])
+def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
+    high: Callable[[float], Path], laid_out: bool
+) -> None:
+    path = high(0.66)
+    question: Course | Callable[[Sets], Course] = lambda sets: read_course(path, sets=sets)  # noqa: E731
+    outcome = plan_course(read_course(path) if laid_out else question, TwoStageCoursePlanner())
+    assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, "outer")
+    assert outcome.certificate is not None
+    assert outcome.problem is not None
+    assert check_certificate(outcome.problem, outcome.certificate).accepted
+    assert stancekit.explain(outcome).message.startswith("infeasible: ")
+    assert stancekit.explain(outcome.problem, outcome.certificate) == stancekit.explain(outcome)
+
+
+def test_replanning_a_window_proves_over_outer_sets_too(high: Callable[[float], Path]) -> None:
+    course = read_course(high(0.5))
+    state = Standing.at_end(replan(None, course, horizon=1).plan)
+    raised = replace(course, com_nominal_m=course.com_nominal_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.08]]))
+    lifted = replan(state, raised, frame=1)
+    far = replan(state, replace(raised, com_nominal_m=raised.com_nominal_m + 0.2 * np.eye(3)[2]), frame=1)
+    assert (lifted.status, lifted.certificate) == (Status.UNDECIDED, None)
+    assert (far.status, far.sets) == (Status.INFEASIBLE, "outer")
+
+
+def test_the_library_and_a_loaded_course_say_the_same_as_the_function(high: Callable[[float], Path]) -> None:
+    for height_m, status in ((0.58, Status.UNDECIDED), (0.66, Status.INFEASIBLE)):
+        path = high(height_m)
+        assert stancekit.plan(path).status is stancekit.plan(stancekit.load(path, Course)).status is status
+
+
+def test_built_in_courses_are_loaded_by_name_and_explained() -> None:
+    course = stancekit.load("walls", Course)
+    slick = replace(course, footholds=tuple(
+        replace(put, candidates=tuple(patch.with_friction(0.05) for patch in put.candidates))
+        for put in course.footholds
+    ), terrain=tuple(patch.with_friction(0.05) for patch in course.terrain))  # fmt: skip
+    outcome = stancekit.plan(slick)
+    assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, None)
+    assert stancekit.explain(slick, outcome.certificate).message == stancekit.explain(outcome).message
+    with pytest.raises(stancekit.InvalidInput, match="expected an answer that is infeasible, got one that is feasible"):
+        stancekit.explain(stancekit.plan("walls", frames=2))
+
+
+class Walked:
+    """A planner that has one plan, and needs no time for it."""
+
+    name = "walked"
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+
+    def solve(self, course: Course) -> PlanOutcome:
+        return PlanOutcome(status=Status.FEASIBLE, method=self.name, plan=replace(self.plan, course=course))
+
+
+@pytest.fixture(scope="module")
+def climb() -> Plan:
+    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=3)).plan
+    assert plan is not None
+    return plan
+
+
+def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
+    climb: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    none = plan_course(climb.course, Walked(climb), deadline=100.0)
+    assert (none.status, none.plan) == (Status.UNDECIDED, None)
+    assert none.message == "the time limit ended before the search for contacts began"
+
+    class Slow(Walked):
+        """One whose search takes all of the time."""
+
+        def solve(self, course: Course) -> PlanOutcome:
+            now[0] += 30.0
+            return super().solve(course)
+
+    late = plan_course(climb.course, Slow(climb), deadline=110.0)
+    assert late.status is Status.UNDECIDED
+    assert late.message == "the time limit ended before joints, torque, bodies, motion could be judged, contacts hold"
+    assert late.plan is not None
+    assert late.report is not None
+    assert late.report.contacts
+    assert late.report.message.startswith("accepted as far as checked: joints, torque, bodies and motion are not; ")
+    assert check_plan(late.plan, joints=True).accepted  # with time there is nothing against it
+
+
+def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_bodies(
+    climb: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from stancekit.planners.projection.clearance import PathClearance
+
+    def ended(self: PathClearance, plan: Plan) -> tuple[float, float]:
+        raise TimeEnded("the time limit ended")
+
+    monkeypatch.setattr(PathClearance, "depths", ended)
+    outcome = plan_course(climb.course, Walked(climb), limits=WholeBodyLimits())
+    assert outcome.plan is not None
+    assert outcome.plan.joints_rad is not None
+    assert math.isnan(outcome.details["depth_m"])
+    assert outcome.status is Status.FEASIBLE  # the verifier had the time
+
+
+def test_a_claim_of_a_planner_from_elsewhere_is_not_believed(climb: Plan) -> None:
+    class Liar(Walked):
+        """One whose robot floats."""
+
+        def solve(self, course: Course) -> PlanOutcome:
+            plan = replace(self.plan, course=course, forces_n=0.0 * self.plan.forces_n)
+            return PlanOutcome(status=Status.FEASIBLE, method=self.name, plan=plan)
+
+    outcome = stancekit.plan(climb.course, Liar(climb))
+    assert (outcome.status, outcome.plan) == (Status.UNDECIDED, None)
+    assert outcome.message.startswith("plan refused: rejected: worst is force_balance")

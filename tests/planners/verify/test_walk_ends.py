@@ -1,0 +1,65 @@
+"""The ends of a walk's file: swings that they cut off, headings, and robots that are called as the package's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.trajectory import robot_from_json, robot_to_json
+from stancekit.planners.robot.single_body import anymal, hexapod_walker
+from stancekit.planners.verify.trajectories import check_trajectory
+from tests.planners.verify.test_trajectories import standing
+
+SWUNG = {"lift", "clearance", "drag"}
+
+
+@pytest.mark.parametrize("where", [np.s_[:40], np.s_[60:], np.s_[:]])
+def test_a_foot_that_is_said_to_swing_at_an_end_is_in_the_air(where: slice) -> None:
+    contact = np.array(standing().contact)
+    contact[where, 0] = False
+    found = {group.group for group in check_trajectory(replace(standing(), contact=contact)).refused}
+    assert {"lift", "clearance"} <= found
+
+
+@pytest.mark.parametrize("where", [np.s_[:40], np.s_[60:]])
+def test_a_foot_that_comes_down_from_before_the_file_or_leaves_it_in_the_air_is_no_fault(where: slice) -> None:
+    walk = standing()
+    contact, feet = np.array(walk.contact), np.array(walk.feet_m)
+    contact[where, 0] = False
+    rise = np.linspace(0.0, 1.0, 42)[1:41]
+    feet[where, 0, 2] += 0.1 * (rise[::-1] if where.start is None else rise[: len(feet) - 60])
+    found = {group.group for group in check_trajectory(replace(walk, contact=contact, feet_m=feet)).refused}
+    assert not found & SWUNG
+
+
+def test_a_walk_ends_with_the_heading_asked_for_and_turns_on_the_spot() -> None:
+    level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+    found = stancekit.walk(level, (0.0, 0.0), heading_end_rad=0.4, duration_s=2.0, chart="decoupled")
+    assert found.verified, found.message
+    walk = found.trajectory
+    assert walk is not None
+    axis = walk.rotation[-1, :, 0]
+    assert float(np.arctan2(axis[1], axis[0])) == pytest.approx(0.4, abs=0.01)
+    assert walk.header()["asked"]["heading_end_rad"] == 0.4
+    otherwise = check_trajectory(replace(walk, heading_end_rad=0.3), body=False)
+    assert [group.group for group in otherwise.refused] == ["heading"]
+
+
+def test_a_robot_that_stands_higher_than_its_feet_are_is_none() -> None:
+    with pytest.raises(InvalidInput, match=r"stand_height_m: expected 0\.2 m, which its feet are below"):
+        replace(hexapod_walker(), stand_height_m=200.0)
+    with pytest.raises(InvalidInput, match="inertia_kgm2: expected moments up to"):
+        replace(anymal(), inertia_kgm2=1e3 * anymal().inertia_kgm2)
+
+
+@pytest.mark.parametrize("name", ["stand_height_m", "inertia_kgm2", "trunk_half_m"])
+def test_a_walk_of_a_built_in_robot_is_held_to_its_numbers(name: str) -> None:
+    data = robot_to_json(hexapod_walker())
+    assert robot_from_json(data).name == "hexapod"
+    data[name] = 1.01 * data[name] if name == "stand_height_m" else (0.99 * np.array(data[name])).tolist()
+    with pytest.raises(InvalidInput, match=f"expected the numbers of the built-in hexapod, got others: {name}"):
+        robot_from_json(data)
