@@ -3,7 +3,8 @@
     python .ci/smoke.py [--pins constraints.txt] dist/*.whl dist/*.tar.gz
 
 A Python is at hand where ``python3.11`` and so on are on the path or pyenv has them. Only the core is installed: what
-needs an extra has to say so in one line. Prints a line each and exits with 1 if anything fails, or none is at hand.
+needs an extra has to say so in one line. The command that `stancekit play` names is then run as it stands, and the
+playground has to be served. Prints a line per artefact and exits with 1 if anything fails, or no Python is at hand.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+import urllib.request
 from pathlib import Path
 
 VERSIONS = ("3.11", "3.12", "3.13")
@@ -25,10 +28,8 @@ TRIES = (
     ("sample", "wall-3", "--count", "2", "--out", "postures.jsonl"),
     ("solve", "postures.jsonl", "--certificate", "--out", "answers.jsonl"),
     ("verify", "postures.jsonl", "answers.jsonl", "--explain"),
-    ("label", "wall-3", "rows", "--feasible", "4", "--infeasible", "4", "--workers", "1"),
-    ("label", "wall-3", "test", "--feasible", "4", "--infeasible", "4", "--seed", "1", "--workers", "1"),
-    ("fit", "rows", "--method", "quantile", "--out", "envelope.json"),
-    ("evaluate", "test", "--envelope", "envelope.json"),
+    ("plan", "walls", "--out", "plan.json"),
+    ("about", "--no-measure"),
     ("picture", "postures.jsonl", "--out", "posture.png"),
 )
 LIBRARY = """
@@ -41,8 +42,17 @@ env.reset(seed=0)
 env.step(env.action_space.sample())
 print(stancekit.__version__)
 """
-LACKING = "robot", "robot.urdf"
-"""A verb that needs an extra: one line that names it, exit code 2."""
+LACKING = (
+    ("robot", "robot.urdf"),
+    ("label", "wall-3", "rows"),
+    ("simulate", "plan.json"),
+    ("plan", "walls", "--video", "film.mp4"),
+    ("robot", "go1"),
+    ("play", "walls"),
+)
+"""Commands that need an extra: one line that names it, exit code 2. What the last one names is installed."""
+PLAY = "play", "walls", "--no-browser", "--port", "0"
+SERVED_S = 120
 
 
 def pythons() -> dict[str, str]:
@@ -79,11 +89,43 @@ def tried(python: str, artefact: Path, pins: Path | None) -> str:
             if ran.returncode != 0:
                 return f"{what}: {(ran.stderr or ran.stdout).strip()[-600:]}"
         (folder / "robot.urdf").write_text("<robot/>")
-        ran = subprocess.run([mine.with_name("stancekit"), *LACKING], cwd=folder, env=environment, capture_output=True,
-                             text=True, check=False)  # fmt: skip
-        if ran.returncode != 2 or not re.search(r"pip install 'stancekit\[\w+\]'\n$", ran.stderr):
-            return f"stancekit {' '.join(LACKING)}: expected exit code 2 and a package to install, got {ran.stderr}"
-    return ""
+        command = ""
+        for words in LACKING:
+            ran = subprocess.run(
+                [mine.with_name("stancekit"), *words], cwd=folder, env=environment, capture_output=True, text=True,
+                check=False,
+            )  # fmt: skip
+            named = re.search(r"pip install '(stancekit\[\w+\])'\n$", ran.stderr)
+            if ran.returncode != 2 or named is None:
+                return f"stancekit {' '.join(words)}: expected exit code 2 and a package to install, got {ran.stderr}"
+            command = named[1]
+        pip = [mine, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *pinned, command]
+        ran = subprocess.run(pip, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        if ran.returncode != 0:
+            return f"pip install {command}: {(ran.stderr or ran.stdout).strip()[-600:]}"
+        return served([str(mine.with_name("stancekit")), *PLAY], folder, environment)
+
+
+def served(command: list[str], folder: Path, environment: dict[str, str]) -> str:
+    """Start the playground and open its page; empty, or what went wrong."""
+    with subprocess.Popen(
+        command, cwd=folder, env=environment | {"PYTHONUNBUFFERED": "1"}, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True,
+    ) as page:  # fmt: skip
+        patience = threading.Timer(SERVED_S, page.kill)
+        patience.start()
+        assert page.stdout is not None
+        said = ""
+        try:
+            for line in page.stdout:
+                said += line
+                if address := re.match(r"(http://\S+) shows walls", line):
+                    with urllib.request.urlopen(address[1], timeout=SERVED_S) as answer:
+                        return "" if answer.status == 200 else f"{address[1]}: got {answer.status}"
+            return f"stancekit play walls: expected an address, got {said[-600:]}"
+        finally:
+            patience.cancel()
+            page.kill()
 
 
 def main() -> int:

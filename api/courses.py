@@ -18,7 +18,7 @@ from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.search.methods import PlannerOptions, Relaxation, make_course_planner, verified
+from stancekit.planners.search.methods import PlannerOptions, Relaxation, make_course_planner, through_verifier
 from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
 
 from .arguments import checked
@@ -100,7 +100,7 @@ def plan(
         )  # fmt: skip
         chosen = make_course_planner(chosen, options)
     else:
-        chosen = verified(chosen)
+        chosen = through_verifier(chosen)
     shares = None if reserve else ALL_FRICTION
     return plan_course(question, chosen, shares=shares, limits=limits, deadline=deadline)
 

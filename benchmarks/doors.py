@@ -17,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from tests.doors import asked, differences, questions
+from tests.doors import ask, differences, questions
 
 
 def main(arguments: list[str]) -> int:
@@ -26,19 +26,19 @@ def main(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         for question in questions():
-            told = asked(question, Path(folder))
-            found = differences(told)
-            first = next(iter(next(iter(told.values())).values()))
+            replies = ask(question, Path(folder))
+            found = differences(replies)
+            first = next(iter(next(iter(replies.values())).values()))
             other = question.expected not in ("", first.status)
             counts[first.status] += 1
             wrong += bool(found) or other
-            doors = {kind: {name: asdict(said) for name, said in each.items()} for kind, each in told.items()}
+            doors = {kind: {name: asdict(reply) for name, reply in each.items()} for kind, each in replies.items()}
             row = {"question": question.name, "expected": question.expected, "doors": doors, "differences": found}
             if "--json" in arguments:
                 print(json.dumps(row), flush=True)
             else:
-                many, said = sum(map(len, told.values())), "; ".join([*found, *["not as expected"] * other])
-                print(f"{question.name:16} {first.status:11} {many} doors {said}".rstrip(), flush=True)
+                many, reply = sum(map(len, replies.values())), "; ".join([*found, *["not as expected"] * other])
+                print(f"{question.name:16} {first.status:11} {many} doors {reply}".rstrip(), flush=True)
     print(f"{sum(counts.values())} questions, {dict(counts)}: {wrong} wrong", file=sys.stderr)
     return int(wrong > 0)
 

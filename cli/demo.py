@@ -45,7 +45,7 @@ class Demo:
         for line in (
             f"Made: a plan, its verdict, its run in MuJoCo, three pictures and a page, in {folder}",
             f"Look: open {folder / 'climb.html'} in a browser and turn it; posture.png, climb.png, run.png",
-            "Next: stancekit play walls; your own: stancekit plan MESH --robot URDF --start X,Y --goal X,Y --html page.html",
+            "Next: stancekit play walls; yours: stancekit plan MESH --robot URDF --start X,Y --goal X,Y --html FILE",
         ):
             out.print(line, highlight=False)
         return 0
@@ -67,7 +67,7 @@ class Demo:
         def at(name: str) -> str:
             return str(self.out / name)
 
-        terrain, robot = (_short(config_path(f"demo/{name}")) for name in ("stones.obj", "ant.yaml"))
+        terrain, robot = (_short(config_path(f"demo/{name}").resolve()) for name in ("stones.obj", "ant.yaml"))
         drawn = ("--count", "1", "--seed", str(SEED), "--out", at("posture.jsonl"))
         yield "draw three toes on two leaning walls", ("sample", "wall-3", *drawn)
         yield "decide, with a proof", ("solve", at("posture.jsonl"), "--certificate", "--out", at("answer.jsonl"))

@@ -234,6 +234,8 @@ class PlanCourse:
 
     def _said(self, outcome: PlanOutcome, report: Report) -> Iterator[str]:
         """What people are told of a plan, below the table."""
+        from stancekit.planners.verify.report import LATE
+
         plan = outcome.plan
         assert plan is not None
         share = plan.provenance.get("friction_share", 1.0)
@@ -246,6 +248,8 @@ class PlanCourse:
         yield report.joints_message
         if (model := plan.course.robot.model) is not None:
             yield from (f"cannot be run: {line}" for line in model.unrunnable)
+        if (at := outcome.message.find(LATE)) >= 0:
+            yield outcome.message[at:]
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"

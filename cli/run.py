@@ -13,7 +13,7 @@ from rich.table import Table
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, out, progress
+from .console import as_options, emit, err, out, progress
 from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_log
 from .policy import read_policy
 from .run_film import film
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from stancekit.runner.safety.heartbeat import HeartbeatMonitor
     from stancekit.runner.settings import RunSettings
     from stancekit.runner.worlds import World, WorldClass
+    from stancekit.runner.worlds.ros.estop import EstopCheck
 
 Done = tuple[bool, dict[str, Any], Table]
 """Whether it succeeded, the report, and the report for people."""
@@ -82,6 +83,11 @@ class Run:
     """Plans: feed back where the body is by its joints and the feet that stand, whatever the world measures."""
     arm: bool = False
     """Move something real. Simulations and logs need no arming."""
+    try_estop: bool = False
+    """Press the e-stop, of the set-up file or the stop topic, and release it before the robot is armed. Without it the
+    robot is armed where the e-stop was heard, or somebody publishes its topic."""
+    without_estop: bool = False
+    """Arm although nobody hears the e-stop; the log says so."""
     ending: Literal["hold", "home", "torque-off"] = "hold"
     """The state to leave the robot in. home: the pose that it was found in; after a stop it holds instead."""
     hung: bool = False
@@ -125,12 +131,16 @@ class Run:
                 world = kind.make(
                     WorldSettings(
                         robot=made_for.robot, gravity_m_s2=made_for.gravity_m_s2, setup=self.setup,
-                        rate_hz=self.rate_hz, actuators=self._actuators(),
+                        rate_hz=self.rate_hz, actuators=self._actuators(), estop=self._estop(),
                     )
                 )  # fmt: skip
             stack.callback(world.close)
             stack.enter_context(on_signals(world.latch))
-            sources = stack.enter_context(stop_sources(stack, self.stop_file, self.stop_topic, armed=self.arm))
+            if self.try_estop:
+                err.print("--try-estop: press the e-stop and release it; the robot is armed then")
+            sources = stack.enter_context(
+                stop_sources(stack, self.stop_file, self.stop_topic, armed=self.arm, check=self._estop())
+            )
             log = self._log(stack)
             bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
             monitor = self._monitor(stack, world, settings)
@@ -224,6 +234,9 @@ class Run:
             blind=self.blind, odometry=self.odometry,
         )  # fmt: skip
 
+    def _estop(self) -> EstopCheck:
+        return "try" if self.try_estop else "without" if self.without_estop else "heard"
+
     def _actuators(self) -> Actuators | None:
         from stancekit.planners.robot.actuators import read_actuators
 
@@ -254,6 +267,9 @@ class Run:
         for wrong, message in (
             (self.friction_share != 1.0 and not simulated,
              f"--friction-share: expected a simulated world with it, got {self.world}"),
+            (self.try_estop and not self.arm, "--try-estop: expected --arm with it, got none"),
+            (self.without_estop and not self.arm, "--without-estop: expected --arm with it, got none"),
+            (self.try_estop and self.without_estop, "--try-estop: expected it without --without-estop, got both"),
             (self.blind and (led or not simulated), f"--blind: {drawn}"),
             (self.actuators is not None and replayed,
              f"--actuators: expected none with world {self.world}: the log has its own"),

@@ -12,13 +12,17 @@ from .console import as_options, err
 
 if TYPE_CHECKING:
     from stancekit.runner.safety.latch import Source
+    from stancekit.runner.worlds.ros.estop import EstopCheck
 
 
 @contextmanager
 def stop_sources(
-    stack: ExitStack, stop_file: Path | None, stop_topic: str | None, *, armed: bool
+    stack: ExitStack, stop_file: Path | None, stop_topic: str | None, *, armed: bool, check: EstopCheck
 ) -> Iterator[list[Source]]:
-    """Keys, the stop file, the stop topic; of what is armed also a terminal that is gone."""
+    """Keys, the stop file, the stop topic; of what is armed also a terminal that is gone.
+
+    check: how the stop topic is known to work, where something is armed.
+    """
     from stancekit.runner.safety.estop import file_source, is_open, key_source, raw_keys, reader_source
 
     sources: list[Source] = [] if stop_file is None else [file_source(stop_file)]
@@ -28,7 +32,7 @@ def stop_sources(
         from stancekit.runner.safety.stop_topic import StopTopic
 
         with as_options():
-            topic = StopTopic(stop_topic)
+            topic = StopTopic(stop_topic, check=check if armed else None)
         sources.append(stack.enter_context(topic))
     if sys.stdin is None or not sys.stdin.isatty():
         yield sources

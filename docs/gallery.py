@@ -22,6 +22,8 @@ PAGE, FOLDER, WORK = HERE / "gallery.md", HERE / "gallery", HERE.parent / "out" 
 BLOCK = re.compile(r"(?:<!-- file: (\S+) -->\n)?```(\w+)\n(.*?)```", re.DOTALL)
 KEPT = (".mp4", ".png", ".html")
 """Files that the page shows; what leads to them is thrown away."""
+FIRST = "stones.mp4"
+"""The film of the first page, which README shows as a picture that moves, since it cannot show a video."""
 
 
 def sections(page: str) -> list[tuple[str, list[tuple[str, str, str]]]]:
@@ -41,6 +43,14 @@ def make(blocks: list[tuple[str, str, str]], folder: Path) -> None:
             subprocess.run(["bash", "-ec", text], cwd=folder, env={**os.environ, "PATH": path}, check=True)
 
 
+def moving_picture(film: Path, picture: Path) -> None:
+    """Write a film as an animated WebP of 720 pixels and 8 frames per second. Raises CalledProcessError."""
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    options = ("-vf", "fps=8,scale=720:-2", "-loop", "0", "-c:v", "libwebp_anim", "-quality", "55")
+    subprocess.run([get_ffmpeg_exe(), "-y", "-loglevel", "error", "-i", film, *options, picture], check=True)
+
+
 def main(wanted: list[str]) -> int:
     """Make what these headings show, or all; what every section needs stands before the first of them."""
     (_, shared), *rest = sections(PAGE.read_text(encoding="utf-8"))
@@ -57,7 +67,9 @@ def main(wanted: list[str]) -> int:
             print(f"{head}: {time.monotonic() - began_s:.0f} s", flush=True)
     FOLDER.mkdir(exist_ok=True)
     for path in sorted(WORK.iterdir()):
-        if path.suffix in KEPT:
+        if path.name == FIRST:
+            moving_picture(path, HERE / "images" / f"{path.stem}.webp")
+        elif path.suffix in KEPT:
             shutil.copy(path, FOLDER)
     return 0
 

@@ -86,6 +86,8 @@ class Runner:
             return self.goal(record)
 
         ended, message = self.perform(prepared, motion, terrain)
+        if not message and ended.left == "left to the device":
+            message = ended.message
         report = RunReport.of(
             record, prepared, self.world, self.settings, ended=ended, message=message,
             wall_s=time.perf_counter() - begin,
@@ -152,6 +154,8 @@ class Runner:
         if self.world.real and not self.world.dry:
             self.decide("armed", "torque on, at the measured pose")
         self.world.arm(prepared.motion.content, prepared.digest)
+        if (evidence := self.world.evidence) and not self.world.dry:
+            self.decide("e-stop", evidence)
         far = float(np.abs(state.angles_rad - first.angles_rad).max())
         self.decide("soft start", f"{far:.3f} rad to the first pose, over {len(path)} pose{'s' * (len(path) > 1)}")
         self.go(path)

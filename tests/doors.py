@@ -67,14 +67,15 @@ class Question:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Said:
-    """What a door says: the status, the digest of the problem that a certificate is a proof of, and the objective."""
+class Reply:
+    """What a door says: the status, the digest of the problem that a certificate proves, and the objective of a plan
+    that is accepted; one that is not was bent as far as there was time."""
 
     status: str
     proved: str = ""
     objective: float = math.nan
 
-    def same(self, other: Said) -> bool:
+    def same(self, other: Reply) -> bool:
         """Whether both say the same, the objective to 1e-9."""
         near = math.isclose(self.objective, other.objective, rel_tol=1e-9, abs_tol=1e-12)
         both = math.isnan(self.objective) and math.isnan(other.objective)
@@ -129,73 +130,73 @@ def _dog(height_m: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-Door = Callable[[Question, Path], Said]
+Door = Callable[[Question, Path], Reply]
 
 
-def by_name(question: Question, folder: Path) -> Said:
+def by_name(question: Question, folder: Path) -> Reply:
     """``stancekit.plan`` of a file."""
-    return _said(stancekit.plan(question.file(folder), torque_nm=question.torque_nm))
+    return _reply(stancekit.plan(question.file(folder), torque_nm=question.torque_nm))
 
 
-def by_value(question: Question, folder: Path) -> Said:
+def by_value(question: Question, folder: Path) -> Reply:
     """``stancekit.plan`` of what ``stancekit.load`` gives."""
-    return _said(stancekit.plan(stancekit.load(question.file(folder)), torque_nm=question.torque_nm))
+    return _reply(stancekit.plan(stancekit.load(question.file(folder)), torque_nm=question.torque_nm))
 
 
-def by_command(question: Question, folder: Path) -> Said:
+def by_command(question: Question, folder: Path) -> Reply:
     """``stancekit plan``."""
     proof = folder / f"{question.name}.proof.json"
     proof.unlink(missing_ok=True)
     options = [] if question.torque_nm is None else ["--torque-nm", str(question.torque_nm)]
     record = _command("plan", question.file(folder), "--json", "--proof", proof, *options)
     proved = digest_of(read_proof(proof)[0]) if proof.exists() else ""
-    objective = math.nan if record["objective"] is None else record["objective"]
-    return Said(status=record["status"], proved=proved, objective=objective)
+    objective = record["objective"] if record["status"] == "feasible" else math.nan
+    return Reply(status=record["status"], proved=proved, objective=objective)
 
 
-def by_playground(question: Question, folder: Path) -> Said:
+def by_playground(question: Question, folder: Path) -> Reply:
     """The playground, once nothing is changed."""
     answer = patient_answer(KeysScenario.of(str(question.file(folder))))
     assert answer.status is not None, answer.message
     proved = answer.status is Status.INFEASIBLE and answer.course is not None
-    return Said(
+    return Reply(
         status=answer.status.value,
         proved=digest_of(answer.course) if proved and answer.course is not None else "",
-        objective=math.nan if answer.plan is None else objective_of(answer.plan),
+        objective=objective_of(answer.plan) if answer.plan is not None and answer.accepted else math.nan,
     )
 
 
-def by_replan(question: Question, folder: Path) -> Said:
+def by_replan(question: Question, folder: Path) -> Reply:
     """``replan``, the function of the closed loop and of Traverse-v0, asked for the whole course with its limits."""
     course = stancekit.load(question.file(folder), Course)
     limits = WholeBodyLimits(torque_nm=question.torque_nm)
-    return _said(replan(None, course, shares=SHARES, presses=PRESSES, limits=limits))
+    return _reply(replan(None, course, shares=SHARES, presses=PRESSES, limits=limits))
 
 
-def by_solve(question: Question, folder: Path) -> Said:
+def by_solve(question: Question, folder: Path) -> Reply:
     """``stancekit.solve``."""
     assert question.posture is not None
-    return _said(stancekit.solve(question.posture))
+    return _reply(stancekit.solve(question.posture))
 
 
-def by_solve_command(question: Question, folder: Path) -> Said:
+def by_solve_command(question: Question, folder: Path) -> Reply:
     """``stancekit solve``: its answer is of the problem that it was given, a line each."""
     assert question.posture is not None
     record = _command("solve", question.file(folder), "--json")
-    return Said(status=record["status"], proved=_proved(record["status"], question.posture))
+    return Reply(status=record["status"], proved=_proved(record["status"], question.posture))
 
 
-def by_label(question: Question, folder: Path) -> Said:
+def by_label(question: Question, folder: Path) -> Reply:
     """The search that labels problems in batches."""
     assert question.posture is not None
     (outcome,) = solve_all(ExactPlanner(), PostureBatch.stacked([question.posture]))
-    return Said(status=outcome.status.value, proved=_proved(outcome.status.value, question.posture))
+    return Reply(status=outcome.status.value, proved=_proved(outcome.status.value, question.posture))
 
 
-def by_plan_of_posture(question: Question, folder: Path) -> Said:
+def by_plan_of_posture(question: Question, folder: Path) -> Reply:
     """``stancekit.plan`` of a posture problem."""
     assert question.posture is not None
-    return _said(stancekit.plan(question.posture))
+    return _reply(stancekit.plan(question.posture))
 
 
 DOORS: dict[str, tuple[Door, ...]] = {
@@ -206,25 +207,25 @@ DOORS: dict[str, tuple[Door, ...]] = {
 """The doors of every kind of question; those of one kind have to say the same."""
 
 
-def asked(question: Question, folder: Path) -> dict[str, dict[str, Said]]:
+def ask(question: Question, folder: Path) -> dict[str, dict[str, Reply]]:
     """What the doors that take a question say, by the kind of the question and the name of the door."""
     kinds = ("course",) if question.posture is None else ("posture", "posture as a course")
-    told = dict[str, dict[str, Said]]()
+    replies = dict[str, dict[str, Reply]]()
     for kind in kinds:
         doors = [door for door in DOORS[kind] if not (door is by_playground and question.torque_nm is not None)]
-        told[kind] = {door.__name__: door(question, folder) for door in doors}
-    return told
+        replies[kind] = {door.__name__: door(question, folder) for door in doors}
+    return replies
 
 
-def differences(told: Mapping[str, Mapping[str, Said]]) -> list[str]:
+def differences(replies: Mapping[str, Mapping[str, Reply]]) -> list[str]:
     """Where two doors of a kind say different things, and where a proof of one kind meets a plan of another."""
     found = list[str]()
-    for kind, each in told.items():
+    for kind, each in replies.items():
         first, *others = each.items()
         found += [f"{kind}: {first} and {other}" for other in others if not first[1].same(other[1])]
-    statuses = {said.status for each in told.values() for said in each.values()}
+    statuses = {reply.status for each in replies.values() for reply in each.values()}
     if {"feasible", "infeasible"} <= statuses:
-        found.append(f"contradiction: {told}")
+        found.append(f"contradiction: {replies}")
     return found
 
 
@@ -238,7 +239,7 @@ def _proved(status: str, problem: PostureProblem | Course) -> str:
     return digest_of(problem) if status == "infeasible" else ""
 
 
-def _said(outcome: Outcome | PlanOutcome) -> Said:
+def _reply(outcome: Outcome | PlanOutcome) -> Reply:
     """What an outcome of the library says, whose certificate has to prove what it carries."""
     proved = ""
     if outcome.certificate is not None:
@@ -246,8 +247,9 @@ def _said(outcome: Outcome | PlanOutcome) -> Said:
         assert stancekit.verify(outcome.problem, outcome.certificate).accepted
         assert stancekit.explain(outcome).message.startswith("infeasible: ")
         proved = digest_of(outcome.problem)
-    objective = outcome.objective if isinstance(outcome, PlanOutcome) else math.nan
-    return Said(status=outcome.status.value, proved=proved, objective=objective)
+    planned = isinstance(outcome, PlanOutcome) and outcome.status is Status.FEASIBLE
+    objective = outcome.objective if planned else math.nan
+    return Reply(status=outcome.status.value, proved=proved, objective=objective)
 
 
 def _command(*arguments: object) -> dict[str, Any]:

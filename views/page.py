@@ -8,7 +8,7 @@ from __future__ import annotations
 import html
 import io
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path as File
 from typing import Any
@@ -83,11 +83,15 @@ def _titled(text: str, motion: Motion) -> str:
 
 
 @contextmanager
-def viser_server(host: str = "127.0.0.1", port: int = 8080) -> Iterator[Any]:
-    """A viser server, which says nothing; to record a scene nobody has to connect to it. port: 0 takes a free one; one
-    that is taken, the next."""
+def viser_server(
+    host: str = "127.0.0.1", port: int = 8080, making: AbstractContextManager[None] | None = None
+) -> Iterator[Any]:
+    """A viser server, which says nothing; to record a scene nobody has to connect to it.
+
+    port: 0 takes a free one; one that is taken, the next. making: entered while the server is made.
+    """
     viser = viser_module()
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()), making or nullcontext():
         server = viser.ViserServer(host=host, port=port, verbose=False)
     try:
         yield server

@@ -82,12 +82,13 @@ class Measured:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WholeBodyPlan:
     """A plan with joint angles, and what it took. steps: of the whole plan. before, after: of the plan as it came, and
-    of this one."""
+    of this one. late: whether the time ended before all was tried."""
 
     plan: Plan
     steps: int
     before: Measured
     after: Measured
+    late: bool = False
 
     @property
     def details(self) -> dict[str, float]:
@@ -168,29 +169,32 @@ def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics, dead
         before = measured(plan)
     except TimeEnded:
         unknown = Measured(share=np.nan, torque_nm=np.nan, depth_m=np.nan, too_near_m=np.nan)
-        return WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown)
+        return WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown, late=True)
     look_s = time.perf_counter() - began
     deadline -= LOOKS * look_s
-    best, after, taken = plan, before, 0
+    best, after, taken, late = plan, before, 0, False
     for apart_m in ATTEMPTS_M:
         if after.share <= (EASY if best is plan else 1.0) and not after.excess[1]:
             break
         if time.perf_counter() + look_s > deadline:
+            late = True
             break
         if np.isinf(apart_m) and after.excess[1]:
             continue
         looks = None if np.isinf(apart_m) else clearance
         stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s)
         found, steps = stage.run(collides=after.excess[1] > 0.0)
+        late = late or stage.late
         if found is None or not check_plan(found).accepted:
             continue
         try:
             its = measured(found)
         except TimeEnded:
+            late = True
             break
         if its.better(after):
             best, after, taken = found, its, taken + steps
-    return WholeBodyPlan(plan=best, steps=taken, before=before, after=after)
+    return WholeBodyPlan(plan=best, steps=taken, before=before, after=after, late=late)
 
 
 def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance | None:
@@ -227,7 +231,7 @@ class _Stage:
         apart_m: float,
         deadline: float,
     ) -> None:
-        self._deadline = deadline
+        self._deadline, self.late = deadline, False
         self._plan, self._solver, self._limits, self._limit_nm = plan, solver, limits, limits.of(solver)
         self._clearance, self._apart_m = clearance, apart_m
         self._bounds = solver.lowest_rad, solver.highest_rad
@@ -249,6 +253,7 @@ class _Stage:
                 try:
                     begun = self._state(found, share)
                 except TimeEnded:
+                    self.late = True
                     break
                 state, steps = self._stepped(scaled, restoration, begun)
                 taken += steps
@@ -279,6 +284,7 @@ class _Stage:
             now = time.perf_counter()
             began, step_s = now, now - began
             if now + step_s > self._deadline:
+                self.late = True
                 break
             before.append(state.price)
             stalled = len(before) > PATIENCE and before[-1] > (1.0 - HEADWAY) * before[-1 - PATIENCE]
@@ -291,6 +297,7 @@ class _Stage:
             try:
                 other = None if found is None else self._state(found, restoration.friction_share)
             except TimeEnded:
+                self.late = True
                 break
             if other is not None and other.price < state.price - GAIN:
                 state, radius, taken = other, min(WIDER * radius, WIDEST), taken + 1

@@ -48,16 +48,27 @@ def with_sets(robot: Robot, sets: Sets) -> Robot:
         raise InvalidInput(f"robot: expected one with legs of its own, got {robot.name}, which is but its limbs")
     from .workspace_cache import workspaces_of  # measures where nobody has
 
-    made = contact_robot(robot.model, workspaces_of(robot.model), sets)
-    limbs = tuple(replace(limb, sole_m=own.sole_m) for limb, own in zip(made.limbs, robot.limbs, strict=True))
-    return replace(robot, limbs=limbs)
+    return _over(robot, robot.model, workspaces_of(robot.model), sets)
 
 
 def sets_of(robot: Robot) -> Sets | None:
     """The sets of its model's legs that a robot's limbs have; None where it has no model, or they have others."""
     if robot.model is None:
         return None
-    return next((sets for sets in get_args(Sets) if _same_reach(with_sets(robot, sets), robot)), None)
+    from .workspace_cache import workspaces_of
+
+    try:
+        measured = workspaces_of(robot.model)
+    except InvalidInput:  # legs without an inside, whose limbs were given other sets
+        return None
+    each = {sets: _over(robot, robot.model, measured, sets) for sets in get_args(Sets)}
+    return next((sets for sets, made in each.items() if _same_reach(made, robot)), None)
+
+
+def _over(robot: Robot, model: RobotModel, workspaces: Sequence[Workspace], sets: Sets) -> Robot:
+    made = contact_robot(model, workspaces, sets)
+    limbs = tuple(replace(limb, sole_m=own.sole_m) for limb, own in zip(made.limbs, robot.limbs, strict=True))
+    return replace(robot, limbs=limbs)
 
 
 def _same_reach(one: Robot, other: Robot) -> bool:

@@ -7,8 +7,8 @@ what is meant to touch: plans wait for ``contacts`` of the robot's YAML file.
 
 A sphere is fitted to the corners of a mesh's convex hull by least squares, ‖x‖² = 2 x·m + (r² − ‖m‖²), and made as
 large as the farthest of them is away. It is taken where nearly all corners, and the planes of half of the hull's
-surface, are no farther from it than a part of its radius: balls that are cut off on their sides, or have a neck, are
-balls, boxes and cylinders not.
+surface, are no farther from it than a part of its radius, and than a millimetre: balls that are cut off on their sides,
+or have a neck, are balls, boxes and cylinders not.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ NECK = 0.05
 """Share of a ball's corners that may be farther from it, where a shank ends in it."""
 HALF = 0.5
 """Share of a ball's surface that is round; the rest may be cut off."""
+ENOUGH = 3000
+"""Corners of a ball from which it is known to be one."""
 DIGITS = 9
 """Decimals of a ball's centre and radius as a URDF has them [m]."""
 FARTHER_M = 1e-3
@@ -60,12 +62,13 @@ class Contact:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placed:
     """A shape of a leg's last body, number ``index`` of the robot's, and its rotation and origin in the last joint's
-    frame, shapes (3, 3), (3,) [m]."""
+    frame, shapes (3, 3), (3,) [m]. balls: centre, shape (3,), and radius [m] of every ball that it is, or ends in."""
 
     index: int
     shape: Shape
     rotation: Array
     origin_m: Array
+    balls: tuple[tuple[Array, float], ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,8 +83,12 @@ class Touch:
     doubt: str = ""
 
 
+Fits = dict[bytes, tuple[Array, float] | None]
+"""``fitted_ball`` of hulls by their corners, each tried once."""
+
+
 def placed_shapes(
-    shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]]
+    shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]], fits: Fits
 ) -> list[Placed]:
     """The shapes of the links of one body.
 
@@ -94,6 +101,7 @@ def placed_shapes(
             shape=shape,
             rotation=turn @ shape.rotation,
             origin_m=place + turn @ shape.origin_m,
+            balls=_balls(shape, turn @ shape.rotation, place + turn @ shape.origin_m, fits),
         )
         for i, shape in enumerate(shapes)
         if shape.link in places and id(shape) in bodies
@@ -110,12 +118,12 @@ def touch_of(pieces: Sequence[Placed]) -> Touch | None:
         if piece.shape.kind == "mesh" and piece.shape.corners_m is None
     ]
     for piece in pieces:
-        for centre, radius_m in _balls(piece):
+        for centre, radius_m in piece.balls:
             found = Touch(
                 link=piece.shape.link, centre_m=centre, radius_m=radius_m, index=piece.index
             )
             balls.append((float(np.linalg.norm(centre)) + radius_m, found))
-        if not _balls(piece) and (points := shape_points(piece.shape)) is not None:
+        if not piece.balls and (points := shape_points(piece.shape)) is not None:
             ends = piece.origin_m + points @ piece.rotation.T
             far = np.linalg.norm(ends, axis=1)
             text = f"touches with a {piece.shape.kind}: say with which point or ball, in a YAML file's contacts:"
@@ -140,27 +148,25 @@ def _farthest(piece: Placed) -> Array:
     return np.asarray(piece.origin_m + turn @ (piece.shape.far_m - piece.shape.origin_m))
 
 
-def _balls(piece: Placed) -> list[tuple[Array, float]]:
+def _balls(
+    shape: Shape, rotation: Array, origin_m: Array, fits: Fits
+) -> tuple[tuple[Array, float], ...]:
     """Centre, shape (3,), and radius [m] of every ball that a shape is, or ends in."""
-    shape = piece.shape
     if shape.kind == "sphere":
-        return [(piece.origin_m, float(shape.size_m[0]))]
+        return ((origin_m, float(shape.size_m[0])),)
     if shape.kind == "capsule":
-        half = 0.5 * float(shape.size_m[1]) * piece.rotation[:, 2]
-        return [
-            (piece.origin_m + half, float(shape.size_m[0])),
-            (piece.origin_m - half, float(shape.size_m[0])),
-        ]
-    if (
-        shape.kind == "mesh"
-        and shape.corners_m is not None
-        and (ball := fitted_ball(shape.corners_m)) is not None
-    ):
-        middle = shape.rotation.T @ (
-            np.round(shape.origin_m + shape.rotation @ ball[0], DIGITS) - shape.origin_m
-        )
-        return [(piece.origin_m + piece.rotation @ middle, round(ball[1], DIGITS))]
-    return []
+        half, radius_m = 0.5 * float(shape.size_m[1]) * rotation[:, 2], float(shape.size_m[0])
+        return (origin_m + half, radius_m), (origin_m - half, radius_m)
+    if shape.kind != "mesh" or shape.corners_m is None:
+        return ()
+    key = shape.corners_m.tobytes()
+    if key not in fits:
+        fits[key] = fitted_ball(shape.corners_m)
+    if (ball := fits[key]) is None:
+        return ()
+    in_link = np.round(shape.origin_m + shape.rotation @ ball[0], DIGITS)  # as a URDF has it
+    middle = shape.rotation.T @ (in_link - shape.origin_m)
+    return ((origin_m + rotation @ middle, round(ball[1], DIGITS)),)
 
 
 def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
@@ -171,16 +177,10 @@ def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
         or abs(float(shape.size_m[0]) - leg.radius_m) > SAME_M
     ):
         return False
-    turn = mount.rotation @ shape.rotation
-    piece = Placed(
-        index=-1,
-        shape=shape,
-        rotation=turn,
-        origin_m=mount.origin_m + mount.rotation @ shape.origin_m,
+    balls = _balls(
+        shape, mount.rotation @ shape.rotation, mount.origin_m + mount.rotation @ shape.origin_m, {}
     )
-    return any(
-        float(np.linalg.norm(centre - leg.chain.tip_m)) < SAME_M for centre, _ in _balls(piece)
-    )
+    return any(float(np.linalg.norm(centre - leg.chain.tip_m)) < SAME_M for centre, _ in balls)
 
 
 def feet_of(shapes: Sequence[Shape], legs: Sequence[Leg], mounts: Mapping[str, Mount]) -> list[int]:
@@ -258,24 +258,30 @@ def check_contacts(legs: Sequence[Leg], name: str) -> None:
 
 
 def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
-    """Centre, shape (3,), and radius [m] of the ball that points, shape (V, 3), are the surface of; None where they
-    are that of none."""
+    """Centre, shape (3,), and radius [m] of the ball whose surface the corners of a hull, shape (V, 3), are on; None
+    where they are on none's."""
     from scipy.spatial import ConvexHull, QhullError
 
+    if len(points_m) < 4:
+        return None
+    shift = points_m.mean(axis=0)
+    rows = np.column_stack([2.0 * (points_m - shift), np.ones(len(points_m))])
+    middle = (
+        np.linalg.lstsq(rows, np.sum((points_m - shift) ** 2, axis=1), rcond=None)[0][:3] + shift
+    )
+    away = np.linalg.norm(points_m - middle, axis=1)
+    radius_m = float(away.max())
+    least = radius_m - min(ROUND * radius_m, FARTHER_M)
+    if not float(np.quantile(away, NECK)) >= least:
+        return None
+    some = points_m[
+        :: 1 + len(points_m) // ENOUGH
+    ]  # whether its planes are a ball's is as clear of fewer corners
     try:
-        hull = ConvexHull(points_m)
+        hull = ConvexHull(some)
     except (QhullError, ValueError):
         return None
-    outer = points_m[hull.vertices]
-    shift = outer.mean(axis=0)
-    rows = np.column_stack([2.0 * (outer - shift), np.ones(len(outer))])
-    middle = np.linalg.lstsq(rows, np.sum((outer - shift) ** 2, axis=1), rcond=None)[0][:3] + shift
-    away = np.linalg.norm(outer - middle, axis=1)
-    radius_m, least = float(away.max()), (1.0 - ROUND) * float(away.max())
-    a, b, c = (points_m[hull.simplices[:, corner]] for corner in range(3))
+    a, b, c = (some[hull.simplices[:, corner]] for corner in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     near = -(hull.equations[:, :3] @ middle + hull.equations[:, 3]) >= least
-    round_all_over = float(np.quantile(away, NECK)) >= least
-    return (
-        (middle, radius_m) if round_all_over and areas[near].sum() >= HALF * areas.sum() else None
-    )
+    return (middle, radius_m) if areas[near].sum() >= HALF * areas.sum() else None

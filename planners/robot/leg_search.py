@@ -19,7 +19,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.validation import shown
 from .chain import Chain
-from .contacts import Contact, Touch, placed_shapes, touch_of
+from .contacts import Contact, Fits, Touch, placed_shapes, touch_of
 from .leg import FULL_TURN, Joint, Leg
 from .plausibility import points_up
 from .shapes import Shape
@@ -120,7 +120,7 @@ class _Tree:
 
     def __init__(self, model: Any, shapes: Sequence[Shape]) -> None:
         self._model, self._shapes = model, shapes
-        self.doubts = list[tuple[str, str]]()
+        self.doubts, self._fits = list[tuple[str, str]](), Fits()
         pin = pinocchio()
         self._bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
         self._base = base_joint(model)
@@ -326,7 +326,7 @@ class _Tree:
         if contact is not None:
             centre = place + turn @ contact.point_m
             return Touch(link=end.foot, centre_m=centre, radius_m=contact.radius_m, index=-1)
-        touch = touch_of(placed_shapes(self._shapes, places))
+        touch = touch_of(placed_shapes(self._shapes, places, self._fits))
         if touch is not None and not touch.doubt:
             return touch
         doubt, link = ("", end.foot) if touch is None else (touch.doubt, touch.link)

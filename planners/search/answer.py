@@ -20,6 +20,8 @@ from ..verify import check_certificate, check_plan, check_posture
 from .clock import Clock
 
 Evidence = TypeVar("Evidence", Posture, Plan)
+GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
+"""Of an infeasible posture of a robot's file: problems are drawn over the inner sets of its legs."""
 
 
 class Planner(Protocol):
@@ -46,7 +48,7 @@ class CoursePlanner(Protocol):
 class Limitable(Protocol):
     """A planner of courses whose time can be limited from outside."""
 
-    def within(self, limit_s: float) -> CoursePlanner:
+    def with_limit(self, limit_s: float) -> CoursePlanner:
         """The same planner, whose ``solve`` takes no longer than this [s], nor longer than it would."""
         ...
 
@@ -56,7 +58,7 @@ class TimeLimited:
 
     time_limit_s: float
 
-    def within(self, limit_s: float) -> Self:
+    def with_limit(self, limit_s: float) -> Self:
         """A copy that takes no longer than this [s], nor longer than its own limit."""
         limited = copy(self)
         limited.time_limit_s = max(min(self.time_limit_s, limit_s), 0.0)
@@ -109,7 +111,7 @@ class Acceptance:
             proof = check_certificate(problem, claim.certificate, tolerance=self.gap)
             lower_bound = proof.lower_bound
             if proof.accepted:
-                status, message = Status.INFEASIBLE, ""
+                status, message = Status.INFEASIBLE, GIVEN.format(problem.robot) if problem.robot else ""
             else:
                 message = message or f"certificate refused: {proof.message}"
         return Outcome(

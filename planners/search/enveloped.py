@@ -86,7 +86,9 @@ class EnvelopeCoursePlanner(TimeLimited):
         elif search.solved_none and len(boxes) == 1:
             details["margin"] = self.margin(scaled, boxes[0], clock).margin
             if np.isinf(details["margin"]):  # infeasible whatever the box: the lift may prove it
-                proof = TwoStageCoursePlanner(programs=self.programs, acceptance=self.acceptance).solve(course)
+                left_s = max(self.time_limit_s - clock.elapsed(), 0.0)
+                lift = TwoStageCoursePlanner(programs=self.programs, acceptance=self.acceptance, time_limit_s=left_s)
+                proof = lift.solve(course)
                 if proof.status is Status.INFEASIBLE:
                     return proof
             message = f"P1 misses the envelope by {details['margin']:.3g}; over a learned box that is no proof"

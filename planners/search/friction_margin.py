@@ -68,7 +68,7 @@ def plan_with_reserve(
     cautious = begin + CAUTION * (deadline - begin)
     outcome: PlanOutcome | None = None
     for share in shares:
-        limited = limited_to(planner, deadline if share == shares[-1] else cautious)
+        limited = in_time(planner, deadline if share == shares[-1] else cautious)
         if limited is None:
             continue
         dulled = slippery(course, share)
@@ -85,7 +85,7 @@ def plan_with_reserve(
     return outcome or PlanOutcome(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)
 
 
-def limited_to(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
+def in_time(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
     """The planner with the time that is left to ``deadline`` (``time.perf_counter()``), None where none is.
 
     A planner whose time nobody can limit is the planner itself.
@@ -95,7 +95,7 @@ def limited_to(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
     left_s = deadline - time.perf_counter()
     if left_s <= 0.0:
         return None
-    return planner.within(left_s) if isinstance(planner, Limitable) else planner
+    return planner.with_limit(left_s) if isinstance(planner, Limitable) else planner
 
 
 def _firmer(
@@ -110,7 +110,7 @@ def _firmer(
         planner = copy(planner)
         planner.cuts = False  # nobody waits half a minute for a plan that is only better to have
     for press in presses:
-        limited = limited_to(planner, deadline)
+        limited = in_time(planner, deadline)
         if limited is None:
             break
         firmer = limited.solve(pressing(course, press))

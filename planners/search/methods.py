@@ -223,7 +223,7 @@ def make_course_planner(name: str, options: PlannerOptions = PlannerOptions(time
     return VerifiedCoursePlanner(planner, name, options.acceptance, remake)
 
 
-def verified(planner: CoursePlanner) -> CoursePlanner:
+def through_verifier(planner: CoursePlanner) -> CoursePlanner:
     """The planner, which answers through the verifier unless it is the package's own."""
     if type(planner).__module__.startswith("stancekit."):
         return planner

@@ -60,7 +60,7 @@ class MicpPlanner(TimeLimited):
     ) -> None:
         checked_choice(solver, "solver", SOLVERS)
         if util.find_spec(SOLVERS[solver][0]) is None:
-            raise InvalidInput(f"solver: {solver} is not installed: pip install stancekit[exact]")
+            raise InvalidInput(f"solver: {solver} is not installed: pip install 'stancekit[exact]'")
         cones_of(grid, solver)
         PROJECTIONS.get(projection)
         if isinstance(envelope, EnvelopeSet) and len(envelope.envelopes) > 1:

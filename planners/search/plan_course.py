@@ -10,25 +10,29 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from ..answer.outcome import Status
 from ..answer.plan import PlanOutcome
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
-from ..robot.contact_robot import Sets, sets_of, with_sets
 from .answer import CoursePlanner
-from .friction_margin import SHARES, limited_to, plan_with_reserve, slippery
+from .friction_margin import SHARES, in_time, plan_with_reserve, slippery
 
-LayOut = Callable[[Sets], Course]
+if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
+
+LayOut = Callable[["Sets"], Course]
 """A function that lays a course out over the inner or the outer sets of the robot's legs."""
 SEARCH = 0.75
 """Fraction of the time within which contacts are to be found, so that they can still be bent and judged."""
 ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
 UNPROVED = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
-NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
+NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were search_end"
 
 
 def plan_course(
@@ -59,14 +63,12 @@ def plan_course(
         shares = SHARES if planner.name == "two-stage" else ALL_FRICTION
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
-    searched = deadline
+    search_end = deadline
     if limits is not None and not math.isinf(deadline):
-        searched -= (1.0 - SEARCH) * max(deadline - time.perf_counter(), 0.0)
-    outcome = plan_with_reserve(planner, course, shares, presses, deadline=searched)
-    if outcome.certificate is not None and course.robot.model is not None and sets_of(course.robot) != "outer":
-        outer = question("outer") if callable(question) else course
-        outer = replace(outer, robot=with_sets(outer.robot, "outer"))
-        outcome = _refuted(outcome, slippery(outer, shares[-1]), limited_to(planner, deadline))
+        search_end -= (1.0 - SEARCH) * max(deadline - time.perf_counter(), 0.0)
+    outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
+    if outcome.certificate is not None and course.robot.model is not None and outcome.sets != "outer":
+        outcome = _refuted(outcome, question, planner, shares[-1], deadline)
     if limits is None or outcome.plan is None:
         return outcome
     from .whole_body_outcome import with_whole_body  # slow to import
@@ -74,10 +76,24 @@ def plan_course(
     return with_whole_body(outcome, limits, start_rad, deadline=deadline)
 
 
-def _refuted(inner: PlanOutcome, outer: Course, planner: CoursePlanner | None) -> PlanOutcome:
-    """The proof over outer sets, else the course is undecided. planner: None where no time is left."""
-    found = None if planner is None else planner.solve(outer)
+def _refuted(
+    inner: PlanOutcome, question: Course | LayOut, planner: CoursePlanner, share: float, deadline: float
+) -> PlanOutcome:
+    """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
+    from ..robot.contact_robot import with_sets  # measures legs, which is slow to import
+
+    try:
+        outer = question("outer") if callable(question) else question
+        outer = replace(outer, robot=with_sets(outer.robot, "outer"))
+    except InvalidInput as error:  # legs that nobody can measure
+        return _undecided(inner, f"{UNPROVED}: {error}")
+    limited = in_time(planner, deadline)
+    found = None if limited is None else limited.solve(slippery(outer, share))
     if found is not None and found.certificate is not None:
         return found
-    message = NO_TIME if found is None else UNPROVED
+    return _undecided(inner, NO_TIME if found is None else UNPROVED)
+
+
+def _undecided(inner: PlanOutcome, message: str) -> PlanOutcome:
+    """The outcome without the certificate, which is one over inner sets."""
     return replace(inner, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim="")

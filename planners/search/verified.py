@@ -63,12 +63,12 @@ class VerifiedCoursePlanner:
         self._planner, self.name, self._acceptance = _solving(planner, f"planner {name}"), name, acceptance
         self._remake = remake
 
-    def within(self, limit_s: float) -> VerifiedCoursePlanner:
+    def with_limit(self, limit_s: float) -> VerifiedCoursePlanner:
         """The planner made anew with this time limit [s]; itself where nobody can limit it."""
         if self._remake is None and not isinstance(self._planner, Limitable):
             return self
         with foreign(f"planner {self.name}"):
-            planner = self._planner.within(limit_s) if self._remake is None else self._remake(limit_s)
+            planner = self._planner.with_limit(limit_s) if self._remake is None else self._remake(limit_s)
         return VerifiedCoursePlanner(planner, self.name, self._acceptance, self._remake)
 
     def solve(self, course: Course) -> PlanOutcome:

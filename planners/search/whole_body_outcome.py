@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 
 from ..answer.outcome import Status
@@ -37,14 +36,14 @@ def with_whole_body(
     """
     if outcome.plan is None:
         return outcome
-    plan, details, course = outcome.plan, dict(outcome.details), outcome.plan.course
+    plan, details, course, bent = outcome.plan, dict(outcome.details), outcome.plan.course, True
     try:
         check_time(deadline)
         solver = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
         found = whole_body(plan, limits, solver, start_rad, deadline=deadline)
-        plan, details = found.plan, details | found.details
+        plan, details, bent = found.plan, details | found.details, not found.late
     except TimeEnded:
-        pass
+        bent = False
     except InvalidInput:
         if limits.concern(course.robot):
             raise
@@ -53,7 +52,7 @@ def with_whole_body(
     return replace(
         outcome,
         status=Status.UNDECIDED if undecided else outcome.status,
-        message=_reason(report, deadline) if undecided else outcome.message,
+        message=_reason(report, bent=bent) if undecided else outcome.message,
         plan=plan,
         objective=objective_of(plan),
         residual=report.worst,
@@ -62,11 +61,13 @@ def with_whole_body(
     )
 
 
-def _reason(report: Report, deadline: float) -> str:
-    """Why a plan is not accepted, or not yet."""
+def _reason(report: Report, *, bent: bool) -> str:
+    """Why a plan is not accepted, or not yet. bent: whether there was time for that."""
     if not report.contacts:
         return report.message
-    late = f"{LATE} before {', '.join(report.unchecked)} could be judged, contacts hold" if report.late else ""
-    if not late and time.perf_counter() > deadline:
+    late = ""
+    if report.late:
+        late = f"{LATE} before {', '.join(report.unchecked)} could be judged, contacts hold"
+    elif not bent:
         late = f"{LATE} before the plan could be bent any further"
     return "; ".join(filter(None, (report.failures, late)))

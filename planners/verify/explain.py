@@ -150,18 +150,27 @@ def _of_course(course: Course, numbers: Numbers, leaves: Leaves) -> Explanation:
         reason = f"the balances at {where} cannot be held; no single limit, however large, lifts this proof"
     else:
         first, *others = (r for r in found if math.isfinite(r.needed))
-        reason = f"with all else as it is, {first.parameter} would have to change {_change(first)}"
+        reason = f"with all else as it is, {first.parameter} would have to {_change(first)}"
         slippery = [r for r in others if r.parameter.startswith("friction")]
         if slippery and not first.parameter.startswith("friction"):
-            reason += f", or {slippery[0].parameter} {_change(slippery[0])}"
+            reason += f", or {slippery[0].parameter} to {_change(slippery[0])}"
     many = f" (refuted for each of {groups} groups of choices)" if groups > 1 else ""
     return Explanation(relaxations=tuple(found), message=f"infeasible: {reason}{many}")
 
 
 def _change(one: Relaxation) -> str:
-    """From which value, and by how much at least."""
-    unit, by = f" {one.unit}".rstrip(), abs(one.needed - one.now)
-    return f"from {one.now:.3g}{unit} by {by:.3g}{unit} or more" if by >= 1e-3 else f"from {one.now:.3g}{unit}"
+    """Which way, from which value, and to which at least or at most."""
+    unit, rises = f" {one.unit}".rstrip(), one.needed > one.now
+    verb, least = ("rise", "at least") if rises else ("fall", "at most")
+    if abs(one.needed - one.now) < 1e-3:
+        return f"{verb} from {one.now:.3g}{unit}"
+    return f"{verb} from {one.now:.3g}{unit} to {least} {_on_this_side(one.needed, rises):.3g}{unit}"
+
+
+def _on_this_side(value: float, rises: bool) -> float:
+    """Three digits of a bound, rounded to where it is still one."""
+    step = 10.0 ** (math.floor(math.log10(abs(value))) - 2) if value else 1.0
+    return (math.floor if rises else math.ceil)(value / step) * step
 
 
 def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tuple[list[Relaxation], str]:

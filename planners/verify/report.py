@@ -204,7 +204,7 @@ class Report:
         execution."""
         if not self.accepted:
             return self._worst("rejected")
-        line = self._worst(accepted_as_far(self.unchecked))
+        line = self._worst(acceptance_word(self.unchecked))
         return f"{line}; cannot be executed: {self.hindrance}" if self.hindrance else line
 
     def _worst(self, verdict: str) -> str:
@@ -250,7 +250,7 @@ class Report:
         }
 
 
-def accepted_as_far(unchecked: Sequence[str]) -> str:
+def acceptance_word(unchecked: Sequence[str]) -> str:
     """The word for what is accepted, with the groups that nobody could check."""
     if not unchecked:
         return "accepted"

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..gait.trajectory import Trajectory
 from ..robot.legged import walking_robot
-from .report import accepted_as_far
+from .report import acceptance_word
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS
 from .trajectory_limits import WHOLE_BODY
@@ -124,7 +124,7 @@ class GaitReport:
             return f"rejected: {self.defect}"
         if self.accepted:
             within = f"{len(self.groups) - len(self.unchecked)} groups within their limits"
-            line = f"{accepted_as_far(self.unchecked)}; {within}" if self.unchecked else f"accepted: all {within}"
+            line = f"{acceptance_word(self.unchecked)}; {within}" if self.unchecked else f"accepted: all {within}"
             return f"{line}; cannot be executed: {self.hindrance}" if self.hindrance else line
         first, *rest = self.refused
         when = "" if math.isnan(first.time_s) else f" at {first.time_s:.3f} s"

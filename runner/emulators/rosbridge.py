@@ -1,5 +1,10 @@
 """A rosbridge with a robot behind it: a real websocket server on loopback, ROS 1 or 2, and its faults.
 
+It is as unkind as a real one: what is published on a topic that was advertised just before comes late; a goal is
+accepted late, and a cancel that overtakes that is never acted on; a controller that does not run says nothing;
+subscriptions of another type than the topic's are silent; a stamp in the past makes a trajectory void. Where the
+computer is too slow the robot's time stands still meanwhile, so that no joint seems to jump.
+
 It speaks the public rosbridge v2 protocol: every operation and message that comes is held against the fields and types
 of ``rosbridge_protocol``, and what does not conform is answered with a status message
 and kept in ``errors``, as a rosbridge refuses messages that do not fit their type. Times are ``time.monotonic``.
@@ -30,26 +35,45 @@ from .trajectory_controller import INVALID_JOINTS, Controller, Task
 
 FAULTS = (
     "rosbridge gone", "connection lost", "silent", "not json", "no operation", "null angle", "half a message", "delay",
-    "rejects goals", "stuck joint", "e-stop", "status error", "controller off",
+    "rejects goals", "stuck joint", "e-stop", "status error", "controller off", "frozen", "zeros", "shifted", "wheels",
+    "e-stop gone", "e-stop released", "other client", "one jump",
 )  # fmt: skip
 ENDS2 = {"succeeded": 4, "cancelled": 5, "aborted": 6}
 ENDS1 = {"succeeded": 3, "cancelled": 2, "aborted": 4, "rejected": 5}
 TICK_S = 0.005
 FEEDBACK_S = 0.05
+MOST_S = 0.03
+"""The robot's time goes on by no more than this at once."""
+CONNECT_S = 0.1
+"""A topic that is advertised has its subscribers so much later; what was published meanwhile comes then."""
+ACCEPT_S = 0.05
+"""A goal is accepted so long after it came."""
+FROZEN_S = 4.0
+"""A rosbridge that is frozen reads and sends nothing for so long, and then everything."""
+SECOND_S = 0.04
+"""Period of a second publisher of joint states."""
+EPOCH_S = 1.7e9
+"""The robot's clock when the emulator's ``time.monotonic`` is 0."""
+Estops = Literal["regular", "latched", "quiet", "none", "other type"]
+"""An e-stop that says twice a second that it is not pressed, says so once, says nothing until it is pressed; no e-stop;
+and one whose messages are of another type."""
 
 
 class RosBridge:
     """A server; ``port`` is where. A context manager.
 
     names: of the robot's joints, other: of joints that only publish their state. ros: 1 or 2. rate_hz: of the joint
-    states. one_thread: read nothing from a client while its goal is on its way, as some rosbridges do. log: every
-    command with its time: ("stream" | "goal" | "cancel" | "switch", time). errors: what was against the protocol.
+    states. one_thread: read nothing from a client while its goal is on its way, as some rosbridges do. estop: on
+    /e_stop. rosapi: whether there is one. stamps: of the states, none are 0. clock_s: how far the robot's clock is off.
+    log: every command with its time: ("stream" | "late stream" | "halt" | "goal" | "cancel" | "switch", time), late
+    those that came too late to be acted on. errors: what was against the protocol.
     """
 
     def __init__(
         self, names: Sequence[str], angles_rad: Sequence[float] | None = None, *, ros: Literal[1, 2] = 2,
         rate_hz: float = 100.0, controller: str = "/joint_trajectory_controller", other: Sequence[str] = (),
-        one_thread: bool = False, port: int = 0,
+        one_thread: bool = False, port: int = 0, estop: Estops = "latched", rosapi: bool = True, stamps: bool = True,
+        clock_s: float = 0.0,
     ) -> None:  # fmt: skip
         start = np.zeros(len(names)) if angles_rad is None else np.array(angles_rad, dtype=float)
         self.robot, self.ros, self.controller = Controller(list(names), start), ros, controller
@@ -57,6 +81,14 @@ class RosBridge:
         self.errors: list[str] = []
         self.received: list[dict[str, Any]] = []
         self._other, self._period_s, self._one_thread = list(other), 1.0 / rate_hz, one_thread
+        self._estop, self._rosapi, self._stamps, self._epoch_s = (
+            estop,
+            rosapi,
+            stamps,
+            EPOCH_S + clock_s,
+        )
+        self._accepting = dict[str, float]()  # goals of ROS 1 that came, and when they are accepted
+        self._thaw_s, self._second_s, self._regular_s, self._phase = 0.0, 0.0, 0.0, 0
         self._nanos = "nanosec" if ros == 2 else "nsecs"
         self._lock, self._ending = threading.RLock(), threading.Event()
         self._clients: list[Client] = []
@@ -68,7 +100,7 @@ class RosBridge:
             self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL)
         )
         self.port = int(self._server.socket.getsockname()[1])
-        self.robot.now_s = time.monotonic()
+        self.robot.now_s = self._ticked_s = time.monotonic()
         self.robot.stop()
         for target in (self._server.serve_forever, self._live):
             threading.Thread(target=target, daemon=True).start()
@@ -124,6 +156,8 @@ class RosBridge:
 
     def _hear(self, client: Client, text: str) -> None:
         """One message; a client's goals go on when its connection ends, as they do at a rosbridge."""
+        while (wait_s := self._thaw_s - time.monotonic()) > 0.0:
+            time.sleep(wait_s)
         if "silent" in self._faults:
             return
         try:
@@ -153,18 +187,39 @@ class RosBridge:
             self._refuse(
                 client, message.get("id"), f"{message['topic']}: unknown type {message['type']}"
             )
+        client.advertised.setdefault(message["topic"], time.monotonic())
 
     def _unadvertise(self, client: Client, message: dict[str, Any]) -> None: ...
 
     def _subscribe(self, client: Client, message: dict[str, Any]) -> None:
+        """A type that this ROS does not know, or that is not the topic's, is logged there, and nobody is told."""
+        topic, kind = message["topic"], message.get("type", "")
+        known = kind.count("/") == 1 or (self.ros == 2 and kind.count("/") == 2)
+        if (kind and not known) or (topic == "/e_stop" and self._estop == "other type"):
+            return
         with self._lock:
-            client.topics.add(message["topic"])
+            client.topics.add(topic)
+            if topic == "/e_stop" and self._estop == "latched":
+                self._say(
+                    client,
+                    {"op": "publish", "topic": topic, "msg": {"data": "e-stop" in self._faults}},
+                )
 
     def _unsubscribe(self, client: Client, message: dict[str, Any]) -> None:
         with self._lock:
             client.topics.discard(message["topic"])
 
     def _publish(self, client: Client, message: dict[str, Any]) -> None:
+        """What comes before the topic has its subscribers waits for them."""
+        since_s = time.monotonic() - client.advertised.setdefault(
+            message["topic"], time.monotonic()
+        )
+        if since_s < CONNECT_S:
+            threading.Timer(CONNECT_S - since_s, self._published, (client, message)).start()
+        else:
+            self._published(client, message)
+
+    def _published(self, client: Client, message: dict[str, Any]) -> None:
         topic, said = message["topic"], message["msg"]
         action = f"{self.controller}/follow_joint_trajectory"
         with self._lock:
@@ -172,17 +227,27 @@ class RosBridge:
                 if (wrong := path_wrong(said, self._nanos)) is not None:
                     self._refuse(client, message.get("id"), wrong)
                     return
-                self.log.append(("stream", time.monotonic()))
-                self.robot.load(said, self._nanos)
+                loaded = self.robot.load(said, self._nanos, self._epoch_s)
+                if loaded:
+                    self.robot.end("cancelled", 0)
+                what = "halt" if not said["points"] else "stream" if loaded else "late stream"
+                self.log.append((what, time.monotonic()))
             elif self.ros == 1 and topic == f"{action}/goal":
                 told = said["goal_id"]["id"]
-                status = self._begin(client, told, said["goal"])
-                if status is not None:
-                    self._finished1(told, status, INVALID_JOINTS if status == "rejected" else 0)
+                self._accepting[told] = time.monotonic() + ACCEPT_S
+                threading.Timer(ACCEPT_S, self._accept, (client, told, said["goal"])).start()
             elif self.ros == 1 and topic == f"{action}/cancel":
                 if (wrong := fields_wrong(said, "GoalID")) is not None:
                     self._refuse(client, message.get("id"), wrong)
                 self._cancel(said["id"])
+
+    def _accept(self, client: Client, told: str, goal: dict[str, Any]) -> None:
+        """Act on a goal of ROS 1, unless it was cancelled before: then it is acted on as well, and for ever."""
+        with self._lock:
+            del self._accepting[told]
+            status = self._begin(client, told, goal)
+            if status is not None:
+                self._finished1(told, status, INVALID_JOINTS if status == "rejected" else 0)
 
     def _call_service(self, client: Client, message: dict[str, Any]) -> None:
         if (
@@ -192,24 +257,66 @@ class RosBridge:
         ):
             self._cancel_goal(client, message)
             return
-        known = message["service"] == "/controller_manager/switch_controller"
-        values: Any = "service does not exist"
-        if known:
-            request = message.get("args", {})
+        values = self._service(message["service"], message.get("args", {}))
+        known = values is not None
+        answer = {
+            "op": "service_response", "service": message["service"], "result": known,
+            "values": values if known else "service does not exist",
+        }  # fmt: skip
+        self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
+
+    def _service(self, service: str, request: Any) -> dict[str, Any] | None:
+        """The answer of a service; None where there is none of this name."""
+        if service == "/controller_manager/switch_controller":
             with self._lock:
                 self.log.append(("switch", time.monotonic()))
                 self.robot.on = bool(
                     request.get("activate_controllers") or request.get("start_controllers")
                 )
                 self.robot.stop()
-            values = {"ok": True}
-        answer = {
-            "op": "service_response",
-            "service": message["service"],
-            "values": values,
-            "result": known,
+            return {"ok": True}
+        if service == "/controller_manager/list_controllers":
+            return {"controller": [self._listed()]}
+        if not self._rosapi or not service.startswith("/rosapi/"):
+            return None
+        there = self._estop != "none" and "e-stop gone" not in self._faults
+        kind = "std_msgs/Int8" if self._estop == "other type" else "std_msgs/Bool"
+        kind = kind.replace("/", "/msg/") if self.ros == 2 else kind
+        estop = request.get("topic") == "/e_stop" if isinstance(request, dict) else False
+        answers: dict[str, dict[str, Any]] = {
+            "/rosapi/publishers": {"publishers": ["/estop_node"] if estop and there else []},
+            "/rosapi/topic_type": {"type": kind if estop and there else ""},
+            "/rosapi/topics_for_type": {"topics": self._topics_of(request, kind if there else "")},
+            "/rosapi/get_time": {"time": {}},
         }
-        self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
+        return answers.get(service)
+
+    def _topics_of(self, request: Any, estop: str) -> list[str]:
+        wanted = str(request.get("type", "")).replace("/msg/", "/")
+        of = {"/joint_states": "sensor_msgs/JointState", "/e_stop": estop.replace("/msg/", "/")}
+        return [topic for topic, kind in of.items() if kind == wanted]
+
+    def _listed(self) -> dict[str, Any]:
+        """The controller, as its manager lists it."""
+        name, on = self.controller.rsplit("/", 1)[-1], self.robot.on
+        if self.ros == 1:
+            resources = [
+                {
+                    "hardware_interface": "PositionJointInterface",
+                    "resources": list(self.robot.names),
+                }
+            ]
+            return {
+                "name": name,
+                "state": "running" if on else "stopped",
+                "claimed_resources": resources,
+            }
+        interfaces = [f"{joint}/position" for joint in self.robot.names]
+        claimed = interfaces if on else []
+        return {
+            "name": name, "state": "active" if on else "inactive", "claimed_interfaces": claimed,
+            "required_command_interfaces": interfaces,
+        }  # fmt: skip
 
     def _cancel_goal(self, client: Client, message: dict[str, Any]) -> None:
         """action_msgs/srv/CancelGoal: an id and a stamp of zeros are all goals; others are not known here."""
@@ -270,7 +377,7 @@ class RosBridge:
             self._refuse(client, message, wrong)
         task = None
         if wrong is None and "rejects goals" not in self._faults:
-            task = self.robot.begin(goal, self._nanos)
+            task = self.robot.begin(goal, self._nanos, self._epoch_s)
         self.log.append(("goal", time.monotonic()))
         if task is None:
             return "rejected"
@@ -279,6 +386,8 @@ class RosBridge:
 
     def _cancel(self, message: str) -> None:
         self.log.append(("cancel", time.monotonic()))
+        if message in self._accepting:
+            return
         task = self._running.get(message) if message else self.robot.task
         if task is not None and task is self.robot.task:
             self.robot.stop()
@@ -309,7 +418,17 @@ class RosBridge:
 
     def _say(self, client: Client, message: Any) -> None:
         if "silent" not in self._faults:
-            client.say(message, time.monotonic() + (0.5 if "delay" in self._faults else 0.0))
+            client.say(
+                message,
+                max(time.monotonic() + (0.5 if "delay" in self._faults else 0.0), self._thaw_s),
+            )
+
+    def _header(self) -> dict[str, Any]:
+        """With the robot's time, or 0."""
+        now_s = self.robot.now_s + self._epoch_s if self._stamps else 0.0
+        whole = int(now_s)
+        stamp = {"sec" if self.ros == 2 else "secs": whole, self._nanos: int(1e9 * (now_s - whole))}
+        return {"header": {"stamp": stamp, "frame_id": ""}}
 
     def _tell(self, topic: str, said: Any) -> None:
         for client in [each for each in self._clients if topic in each.topics]:
@@ -324,12 +443,48 @@ class RosBridge:
                 for kind in [kind for at, kind in self._due if at <= now]:
                     self._happen(kind)
                 self._due = [item for item in self._due if item[0] > now]
-                self.robot.advance(now)
+                self.robot.advance(self.robot.now_s + min(now - self._ticked_s, MOST_S))
+                self._ticked_s = now
                 if self.ros == 1:
                     self._live1()
-                if now >= published + self._period_s - 0.5 * TICK_S:
-                    published = now
+                self._others_live(now)
+                if self.robot.now_s >= published + self._period_s - 0.5 * TICK_S:
+                    published = self.robot.now_s
                     self._speak()
+
+    def _others_live(self, now: float) -> None:
+        """Other publishers, and another client of the controller."""
+        names, joints = list(self.robot.names), len(self.robot.names)
+        if now < self._second_s + SECOND_S:
+            return
+        self._second_s, self._phase = now, self._phase + 1
+        second: dict[str, tuple[list[str], list[float]]] = {
+            "zeros": (names, [0.0] * joints),
+            "shifted": (names, (self.robot.position + 0.2).tolist()),
+            "one jump": (names, (self.robot.position + 2.0).tolist()),
+            "wheels": (["left_wheel", "right_wheel"], []),
+        }
+        for kind in self._faults & set(second):
+            said, positions = second[kind]
+            states = {"name": said, "position": positions, "velocity": [0.5] * len(said)}
+            self._tell("/joint_states", self._header() | states)
+        self._faults.discard("one jump")
+        if "other client" in self._faults:
+            point = (self.robot.position + 0.3 * np.sin(0.5 * self._phase)).tolist()
+            whole = "sec" if self.ros == 2 else "secs"
+            after = {whole: 0, self._nanos: 60_000_000}
+            path = {
+                "joint_names": names,
+                "points": [{"positions": point, "time_from_start": after}],
+            }
+            self.robot.load(path, self._nanos, self._epoch_s)
+        if (
+            self._estop == "regular"
+            and now > self._regular_s + 0.5
+            and "e-stop gone" not in self._faults
+        ):
+            self._regular_s = now
+            self._tell("/e_stop", {"data": "e-stop" in self._faults})
 
     def _live1(self) -> None:
         """Feedback and ends of actionlib's goals."""
@@ -357,13 +512,15 @@ class RosBridge:
             "velocity": [*robot.rate.tolist(), *rest],
             "effort": [],
         }
-        self._tell("/joint_states", said)
-        self._tell(
-            f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}",
-            self._feedback(),
-        )
+        self._tell("/joint_states", self._header() | said)
+        if robot.on:
+            state = self._header() | self._feedback()
+            self._tell(
+                f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", state
+            )
         if self.ros == 1:
-            going = [{"goal_id": {"id": message}, "status": 1} for message in self._running]
+            going = [{"goal_id": {"id": each}, "status": 0} for each in self._accepting]
+            going += [{"goal_id": {"id": each}, "status": 1} for each in self._running]
             self._tell(
                 f"{self.controller}/follow_joint_trajectory/status",
                 {"status_list": [*going, *self._statuses]},
@@ -391,5 +548,9 @@ class RosBridge:
             self.robot.stuck[0] = True
         elif kind == "controller off":
             self.robot.on = False
+        elif kind == "frozen":
+            self._thaw_s = time.monotonic() + FROZEN_S
+        elif kind == "e-stop released":
+            self._faults.discard("e-stop")
         else:
             self._faults.add(kind)

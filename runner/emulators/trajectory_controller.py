@@ -95,13 +95,26 @@ class Controller:
         """Where the joints should be now, and how fast."""
         return self.path.at(self.now_s)
 
-    def load(self, message: dict[str, Any], nanos: str) -> bool:
-        """Take a JointTrajectory in place of the one before; False if its joints are not the controller's."""
+    def load(self, message: dict[str, Any], nanos: str, epoch_s: float = 0.0) -> bool:
+        """Take a JointTrajectory in place of the one before; False if its joints are not the controller's, it does not
+        run, or all points of a trajectory with a stamp are over. Without points it holds where it is, in ROS 1.
+
+        epoch_s: the robot's clock at ``now_s`` 0, by which the stamp counts.
+        """
         names, points = message["joint_names"], message["points"]
-        if sorted(names) != sorted(self.names) or not points:
+        if not self.on or sorted(names) != sorted(self.names):
             return False
+        if not points and nanos == "nsecs":
+            self.stop()
+        if not points:
+            return nanos == "nsecs"
         order = [names.index(name) for name in self.names]
-        times = np.array([_seconds(point["time_from_start"], nanos) for point in points])
+        stamp_s = _seconds(message.get("header", {}).get("stamp", {}), nanos)
+        late_s = self.now_s + epoch_s - stamp_s if stamp_s > 0.0 else 0.0
+        points = [point for point in points if _seconds(point["time_from_start"], nanos) > late_s]
+        if not points:
+            return False
+        times = np.array([_seconds(point["time_from_start"], nanos) - late_s for point in points])
         positions = np.array([[point["positions"][i] for i in order] for point in points])
         has = all(len(point.get("velocities", [])) == len(names) for point in points)
         velocities = (
@@ -111,9 +124,9 @@ class Controller:
         self.path = Path(self.now_s, start.copy(), rate.copy(), times, positions, velocities)
         return True
 
-    def begin(self, goal: dict[str, Any], nanos: str) -> Task | None:
-        """Take a goal; the one before is aborted. None if its joints are wrong."""
-        if not self.load(goal["trajectory"], nanos):
+    def begin(self, goal: dict[str, Any], nanos: str, epoch_s: float = 0.0) -> Task | None:
+        """Take a goal; the one before is aborted. None if its joints are wrong, or it does not run."""
+        if not self.load(goal["trajectory"], nanos, epoch_s):
             return None
         self.end("aborted", SUCCESSFUL)
         path, end = (

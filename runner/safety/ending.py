@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
@@ -21,6 +21,13 @@ from .latch import Stopped
 
 Ending = Literal["hold", "home", "torque-off"]
 Left = Literal["held", "home", "torque off", "left to the device", "as it was"]
+
+
+@runtime_checkable
+class _Unsettled(Protocol):
+    """A device that knows what may still move it after ``hold``; pending: what, empty where nothing may."""
+
+    pending: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +91,8 @@ def _held(world: SafeWorld, message: str) -> tuple[Left, str]:
     device = world.world
     if isinstance(device, Stoppable):
         wrong = _done(device.hold)
+        if not wrong and isinstance(device, _Unsettled):
+            wrong = device.pending
         if wrong:
             return "left to the device", f"{message}; {wrong}" if message else wrong
     return "held", message

@@ -43,10 +43,22 @@ class _Driven(Protocol):
 
 
 @runtime_checkable
+class _Waiting(Protocol):
+    beat: Callable[[], None]
+
+
+@runtime_checkable
+class _Evident(Protocol):
+    evidence: str
+
+
+@runtime_checkable
 class _Loadable(Protocol):
     def preload(self, targets_rad: Array) -> bool: ...
 
 
+FORGIVEN = 0.5
+"""So many periods in which a joint was away are made up for by one in which it was not."""
 SATURATED = 1.5
 """A target so many times as far from its joint as gives all of its torque is one that the joint does not follow."""
 
@@ -113,9 +125,11 @@ class SafeWorld:
         self.armed = not self.real
         self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, monitor)
         self.latch.listen(*sources, self.watchdog.look)
+        if isinstance(world, _Waiting):  # to wait for a device is not to be silent
+            world.beat = self.watchdog.kick
         self._to: World = world
         self._last: Array | None = None
-        self._away, self._lean = 0, np.zeros(len(world.joints))
+        self._away = self._lean = np.zeros(len(world.joints))
 
     @cached_property
     def drives(self) -> Drives:
@@ -131,8 +145,8 @@ class SafeWorld:
         state = self.world.reset(terrain, angles_rad, position_m, rotation)
         self._check_measured(state)
         self._to = NullWorld(self.world, state) if self.dry else self.world
-        self._last, self._away = np.array(state.angles_rad, dtype=float), 0
-        self._lean = np.zeros(len(self.joints))
+        self._last = np.array(state.angles_rad, dtype=float)
+        self._away = self._lean = np.zeros(len(self.joints))
         return state
 
     def preload(self, targets_rad: Array) -> bool:
@@ -149,6 +163,11 @@ class SafeWorld:
         if self._last is None:
             raise InvalidInput("world: expected reset before anything else")
         return self._last
+
+    @property
+    def evidence(self) -> str:
+        """What the world knows of its e-stop since it was armed; empty where it has none."""
+        return self.world.evidence if isinstance(self.world, _Evident) else ""
 
     def arm(self, content: Plan | Trajectory, digest: str) -> None:
         """Let something real move: its torque is switched on at the pose where it is. Nothing to do for others.
@@ -239,11 +258,12 @@ class SafeWorld:
         check_state(state, len(self.joints), len(self.robot.limbs), self.name)
 
     def _check_deviation(self, state: State) -> None:
-        """Stop where a joint does not go where it is sent."""
+        """Stop where a joint does not go where it is sent. A period in which it seems to be there makes up for half a
+        one in which it is not, so that measurements of which every other one is nonsense do not hide it."""
         away = np.abs(state.angles_rad - state.sent_rad + self._lean)
-        worst = int(np.argmax(away / self._path))
-        self._away = self._away + 1 if away[worst] > self._path[worst] else 0
-        if self._away > self.limits.path_s * self.rate_hz + 1e-6:
+        self._away = np.where(away > self._path, self._away + 1.0, np.maximum(self._away - FORGIVEN, 0.0))
+        worst = int(np.argmax(self._away))
+        if self._away[worst] > self.limits.path_s * self.rate_hz + 1e-6:
             limit = f"more than {self._path[worst]:g} rad for {self.limits.path_s:g} s"
             self.trip(f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}")
 

@@ -9,7 +9,8 @@ from typing import Self
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import shown
 
-from ..worlds.ros.bridge import Message, RosLink
+from ..worlds.ros.bridge import RosLink
+from ..worlds.ros.estop import BOOL, Estop, EstopCheck
 
 ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9._-]+):(?P<port>\d{1,5})(?P<topic>/[A-Za-z0-9_/]+)")
 TIMEOUT_S = 3.0
@@ -19,33 +20,37 @@ class StopTopic:
     """A source of stops: call it. A context manager, connected while it is entered.
 
     address: HOST:PORT/TOPIC. True stops, false does not start again. A connection that is lost, and a message that is
-    no Bool, stop, too: a stop button that cannot be read is no stop button. Raises InvalidInput for what is no address,
-    without roslibpy, and, when entered, where no rosbridge is.
+    no Bool, stop, too: a stop button that cannot be read is no stop button. check: how it is known to work when it is
+    entered; None does not ask. Raises InvalidInput for what is no address, without roslibpy, and, when entered, where
+    no rosbridge is, and for a topic of which too little is known.
     """
 
-    def __init__(self, address: str, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(self, address: str, timeout_s: float = TIMEOUT_S, check: EstopCheck | None = None) -> None:
         found = ADDRESS.fullmatch(address)
         if found is None or not 0 < int(found["port"]) < 65536:
             raise InvalidInput(f"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got {shown(address)}")
-        self.topic, self._pressed = found["topic"], False
+        self._check = check
         self._link = RosLink(found["host"], int(found["port"]), timeout_s)
+        self._estop = Estop(self._link, found["topic"])
 
     def __call__(self) -> str | None:
         """Why to stop, None where there is no reason."""
-        return f"e-stop pressed on {self.topic}" if self._pressed else self._link.trouble()
+        if self._estop.pressed:
+            return f"e-stop pressed on {self._estop.topic}"
+        return self._link.trouble() or self._estop.lost()
 
     def __enter__(self) -> Self:
         self._link.open()
-        self._link.subscribe(self.topic, "std_msgs/Bool", self._on_message)  # this name both versions of ROS take
+        self._estop.subscribe(BOOL)  # this name both versions of ROS take
+        try:
+            if self._check is not None:
+                self._estop.confirm(self._check)
+        except InvalidInput:
+            self._link.close()
+            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._link.close()
-
-    def _on_message(self, message: Message) -> None:
-        pressed = message.get("data")
-        if not isinstance(pressed, bool):
-            raise InvalidInput(f"expected data to be true or false, got {shown(pressed, 40)}")
-        self._pressed = self._pressed or pressed

@@ -12,13 +12,15 @@ from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 
 from .drives import Imperfections
+from .ros.estop import EstopCheck
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
     """robot, servo: who moves, and by what. gravity_m_s2: what pulls. rate_hz: targets a second, None for what is
     usual in that world. setup: the file that a world is made from, None where none was given. imperfections: of a
-    simulated robot. actuators: what turns its joints, None for what the robot's file, or the device's, says."""
+    simulated robot. actuators: what turns its joints, None for what the robot's file, or the device's, says. estop: how
+    an e-stop that the set-up file names is known to work before the robot is armed."""
 
     robot: Robot
     servo: Servo = field(default_factory=Servo)
@@ -27,6 +29,7 @@ class WorldSettings:
     setup: Path | None = None
     imperfections: Imperfections = field(default_factory=Imperfections)
     actuators: Actuators | None = None
+    estop: EstopCheck = "heard"
 
     def file(self, content: str, world: str) -> Path:
         """The set-up file. Raises InvalidInput, which says what should be in it, where there is none."""

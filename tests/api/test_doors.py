@@ -1,4 +1,4 @@
-"""One question, one answer: a few of ``tests/doors.py`` at every door that takes them; ``benchmarks/doors.py`` has all."""
+"""One question, one answer: a few of ``tests/doors.py`` at every door; ``benchmarks/doors.py`` asks all of them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doors import DOORS, asked, differences, questions
+from tests.doors import DOORS, ask, differences, questions
 
 pytest.importorskip("pinocchio")
 FEW = ("flat-2-0.4", "gait-all", "slick-2-0.1", "dog-0.58", "dog-0.66", "weak-1", "wall-0", "ground-1")
@@ -28,10 +28,10 @@ def test_there_are_forty_questions_of_every_kind() -> None:
 def test_every_door_says_the_same(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     question = QUESTIONS[name]
-    told = asked(question, tmp_path)
-    assert not differences(told)
-    answers = [said for each in told.values() for said in each.values()]
+    replies = ask(question, tmp_path)
+    assert not differences(replies)
+    answers = [reply for each in replies.values() for reply in each.values()]
     assert len(answers) >= len(DOORS["course"]) - 1
     if question.expected:
-        assert {said.status for said in answers} == {question.expected}
-    assert all(bool(said.proved) == (said.status == "infeasible") for said in answers)
+        assert {reply.status for reply in answers} == {question.expected}
+    assert all(bool(reply.proved) == (reply.status == "infeasible") for reply in answers)

@@ -213,7 +213,7 @@ def test_a_proof_is_written_where_there_is_no_plan_and_verify_accepts_it(plan, c
     verify = tyro.cli(Verify, args=["proof.json"])
     assert run(verify) == 0
     assert capsys.readouterr().out.startswith("proof.json: ice: infeasible: ")
-    assert "friction at frame 1 on LM, RF, RR would have to change from 0.3 by " in err
+    assert "friction at frame 1 on LM, RF, RR would have to rise from 0.3 to at least " in err
     assert plan("walls", "--frames", 2, "--proof", "none.json")[0] == 0
     assert not (tmp_path / "none.json").exists()
 
@@ -225,7 +225,7 @@ def test_what_friction_would_do_is_said_where_another_limit_is_the_cheapest_and_
     (tmp_path / "ice.yaml").write_text(yaml.safe_dump(slippery))
     code, _, err = plan("ice.yaml")
     assert code == 1
-    assert "reach of all limbs would have to change from 0.35 m by " in err
+    assert "reach of all limbs would have to rise from 0.35 m to at least " in err
     assert ", or friction at frame " in err
     assert " from 0.15 by " in err
 

@@ -23,7 +23,7 @@ from stancekit.runner.worlds.world import State
 ROBOT = hexapod()
 JOINTS = joint_names(ROBOT)
 START = np.tile([0.0, 0.3, 0.0, 1.2], len(ROBOT.limbs))
-QUICK: dict[str, Any] = {"timeout_s": 0.6, "estop": "/e_stop"}
+QUICK: dict[str, Any] = {"timeout_s": 1.5, "estop": "/e_stop"}
 
 
 def reset(world: RosWorld) -> State:

@@ -49,7 +49,7 @@ def ended(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=300.0,
+            timeout=600.0,
         )
         if "host watchdog: the loop was silent" not in done.stdout:
             break

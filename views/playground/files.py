@@ -11,11 +11,9 @@ from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.writing import write_text
 
-from ..sheet import ACCENT, INK
 from .answer import Answer
-from .page_parts import named_in, told
+from .page_parts import BAD, GOOD, named_in, told
 from .scenario import Scenario
-from .tables import GOOD
 
 
 class Files:
@@ -63,7 +61,7 @@ class Files:
             path = save()
             colour, words = GOOD, f"wrote {path}; {command} {path} reads it"
         except StancekitError as error:
-            colour, words = ACCENT, str(error)
+            colour, words = BAD, str(error)
         self._said.content = told(colour, words)
 
     def _show_course(self, event: Any) -> None:
@@ -75,7 +73,7 @@ class Files:
         modal = event.client.gui.add_modal(f"{self._name.value}-course{suffix}")
         with modal:
             event.client.gui.add_html(
-                f'<pre id="course" style="font:12px/1.45 ui-monospace,monospace;color:{INK};white-space:pre-wrap;'
+                f'<pre id="course" style="font:12px/1.45 ui-monospace,monospace;white-space:pre-wrap;'
                 f'max-height:60vh;overflow:auto;user-select:text">{html.escape(text)}</pre>'
             )
             event.client.gui.add_button("close").on_click(lambda _: modal.close())

@@ -35,6 +35,15 @@ class Player:
         if abs(self._slider.value - self.at) > 0.01:
             self._slider.value = round(self.at, 2)
 
+    def offer(self, there: bool) -> None:
+        """Whether there is anything to play; without, neither button nor slider is seen."""
+        if not there:
+            self.stop()
+            self._button.label = "play"
+        for part in (self._button, self._slider):
+            if part.visible != there:
+                part.visible = there
+
     def stop(self) -> None:
         """Stay where it is."""
         if self._stop is not None:

@@ -22,7 +22,7 @@ from ..stage import Stage
 from .answer import Answer, quick_answer
 from .controls import Controls
 from .files import Files
-from .page_parts import called, let_camera, set_up
+from .page_parts import called, from_behind, let_camera, set_up
 from .pictures import Pictures
 from .player import Player
 from .scenario import Scenario
@@ -72,10 +72,10 @@ class Playground:
         path, answer = course.com_nominal_m, self._answer
         reach = max(limb.reach_m for limb in course.robot.limbs)
         middle, size = path.mean(axis=0), float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach
-        towards = np.array([-0.75, -0.45, 0.35])
+        towards = from_behind(np.array([-0.75, -0.45, 0.35]), path[0], course.goal_m)
         if answer.plan is not None:
             self._view = self._pictures.view(answer.plan)
-            towards = self._view.camera.axes[2]
+            towards = from_behind(self._view.camera.axes[2], path[0], course.goal_m)
         self._distance_m = 2.0 * size
         let_camera(self._server, middle, self._distance_m, towards)
 
@@ -173,6 +173,7 @@ class Playground:
             self._server.flush()
 
     def _show_plan(self, course: Course | None) -> None:
+        self._player.offer(self._view is not None)
         if self._view is None:
             self._stage.show(Scene() if course is None else self._pictures.asked(course), "/way")
             self._stage.show(Scene(), "/names")

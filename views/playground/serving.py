@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import socket
 import sys
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from stancekit.planners.errors import InvalidInput
 
 from ..page import viser_module, viser_server
+from .gate import guard_messages, guarded_server, quiet
 
 if TYPE_CHECKING:
     from .playground import Playground
@@ -84,8 +84,8 @@ def served_walk(
 
 @contextmanager
 def _served(make: Callable[[Any], Shown], host: str, port: int) -> Iterator[Page[Shown]]:
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # it prints a stack for every tab that goes away
-    with viser_server(host, port) as server:
+    with quiet(), viser_server(host, port, guarded_server(host)) as server:
+        guard_messages(server)
         shown = make(server)
         try:
             yield Page(f"http://{host}:{server.get_port()}", shown)

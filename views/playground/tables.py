@@ -15,15 +15,13 @@ from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.verify import Report
-from stancekit.planners.verify.report import WHOLE_BODY, accepted_as_far
+from stancekit.planners.verify.report import WHOLE_BODY, acceptance_word
 
 from ..plan_motion import Moment
-from ..sheet import ACCENT, INK, QUIET, RULE, leg_colour
+from ..sheet import leg_colour
 from .answer import Answer
-from .page_parts import said
+from .page_parts import BAD, GOOD, QUIET, RULE, TROUGH, UNSURE, said
 
-GOOD, UNSURE = "#2c8173", "#c9a227"
-"""Colours of good news, and of what nobody knows yet; bad news is in ACCENT."""
 TIGHT = 0.95
 """A limit that is used this far is marked."""
 CARRIES_N = 1e-3
@@ -114,17 +112,17 @@ def verdict(answer: Answer, number: int, drawn_ms: float) -> str:
 def _words(answer: Answer) -> tuple[str, str, str]:
     """Colour, title and sentence."""
     if answer.course is None:
-        return ACCENT, "No course", answer.message
+        return BAD, "No course", answer.message
     if answer.status is Status.INFEASIBLE:
-        return ACCENT, "No plan, and that is proved" if answer.patient else "No plan", answer.message
+        return BAD, "No plan, and that is proved" if answer.patient else "No plan", answer.message
     if answer.accepted:
         assert answer.report is not None
-        title, *_ = accepted_as_far(answer.report.unchecked).capitalize().partition(":")
+        title, *_ = acceptance_word(answer.report.unchecked).capitalize().partition(":")
         return GOOD, title, _accepted(answer.report)
     if answer.plan is not None and not answer.patient:
         return UNSURE, "Contacts hold", "Joints, torques and bodies are judged once nothing is changed."
     if answer.plan is not None:
-        return ACCENT, "Not accepted", answer.message
+        return BAD, "Not accepted", answer.message
     more = "" if answer.patient else "; the search goes on when nothing is changed"
     return UNSURE, "Undecided", f"{answer.message}{more}"
 
@@ -133,7 +131,7 @@ def _accepted(report: Report) -> str:
     """What was judged, and what could not be."""
     groups = {name: getattr(report, name)["verdict"] for name in WHOLE_BODY}
     done = ["contacts", *(name for name in groups if groups[name] == "checked")]
-    finding = report.message.removeprefix(accepted_as_far(report.unchecked)).lstrip(":; ")
+    finding = report.message.removeprefix(acceptance_word(report.unchecked)).lstrip(":; ")
     words = f"{finding}. Judged: {', '.join(done)}."
     if len(done) <= len(groups):
         words += f" {report.joints_message}."
@@ -156,11 +154,23 @@ def limb_table(rows: list[LimbLoad], title: str) -> str:
             f"<td {cell}>{force}</td><td>{_bar(row.cone)}</td><td {cell}>{torque}</td><td>{_bar(row.torque)}</td></tr>"
         )
     return (
-        f'<div id="limbs" style="font:12px/1.5 system-ui,sans-serif;color:{INK};margin:4px 2px;'
+        f'<div id="limbs" style="font:12px/1.5 system-ui,sans-serif;margin:4px 2px;'
         f'font-variant-numeric:tabular-nums"><b>{html.escape(title)}</b>'
         f'<table style="border-collapse:collapse;width:100%"><tr style="border-bottom:1px solid {RULE}">{head}</tr>'
-        f"{''.join(lines)}</table></div>"
+        f"{''.join(lines)}</table>"
+        f'<div style="color:{QUIET};font-size:11.5px">{html.escape(explained([row.name for row in rows]))}</div></div>'
     )
+
+
+SIDES, PLACES = {"L": "left", "R": "right"}, {"F": "front", "M": "middle", "R": "rear", "H": "hind"}
+
+
+def explained(limbs: list[str]) -> str:
+    """The names of limbs in words, seen by the robot, and what the shares of the table are of."""
+    names = [f"{name} {SIDES[name[0]]} {PLACES[name[1]]}" for name in limbs
+             if len(name) == 2 and name[0] in SIDES and name[1] in PLACES]  # fmt: skip
+    seen = f"{', '.join(names)}, as the robot looks. " if names else ""
+    return f"{seen}Cone: share of the friction that its force may use. Limit: of the joint with the least torque left."
 
 
 def summary(answer: Answer) -> str:
@@ -185,7 +195,7 @@ def summary(answer: Answer) -> str:
 def key_values(rows: list[tuple[str, str]]) -> str:
     """A few numbers with their names, as HTML."""
     return (
-        f'<table id="summary" style="font:12px/1.55 system-ui,sans-serif;color:{INK};margin:2px">'
+        '<table id="summary" style="font:12px/1.55 system-ui,sans-serif;margin:2px">'
         + "".join(f'<tr><td style="color:{QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
                   f"<td>{html.escape(words)}</td></tr>" for name, words in rows)
         + "</table>"
@@ -196,10 +206,10 @@ def _bar(share: float) -> str:
     """A share of a limit as a bar with its number; NaN is a dash."""
     if np.isnan(share):
         return f'<span style="color:{QUIET}">–</span>'
-    colour = ACCENT if share > 1.0 + 1e-6 else UNSURE if share > TIGHT else GOOD
+    colour = BAD if share > 1.0 + 1e-6 else UNSURE if share > TIGHT else GOOD
     return (
         f'<div style="display:flex;align-items:center;gap:5px"><div style="flex:1;min-width:34px;height:8px;'
-        f'background:#eceff2;border-radius:4px;overflow:hidden"><div style="width:{100 * min(share, 1.0):.0f}%;'
+        f'background:{TROUGH};border-radius:4px;overflow:hidden"><div style="width:{100 * min(share, 1.0):.0f}%;'
         f'height:100%;background:{colour}"></div></div><span style="width:34px;text-align:right">{100 * share:.0f} %'
         "</span></div>"
     )

@@ -11,20 +11,20 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.gait.trajectory_file import write_trajectory
-from stancekit.planners.verify.report import accepted_as_far
+from stancekit.planners.verify.report import acceptance_word
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..plans import GOAL
 from ..scene import Body, Label, Scene
 from ..scene import Path as Line
 from ..shapes import Sphere
-from ..sheet import ACCENT, INK, leg_colour
+from ..sheet import INK, leg_colour
 from ..stage import Stage
 from ..terrain import block, grid_on_ground, on_ground
 from .controls import Controls
-from .page_parts import called, let_camera, named_in, said, set_up, told
+from .page_parts import BAD, GOOD, UNSURE, called, from_behind, let_camera, named_in, said, set_up, told
 from .player import Player
-from .tables import GOOD, UNSURE, LimbLoad, cone_share, key_values, limb_table
+from .tables import LimbLoad, cone_share, key_values, limb_table
 from .walk_planning import WalkAnswer, WalkPlanning
 from .walk_scenario import WalkScenario
 
@@ -47,7 +47,8 @@ class WalkPage:
         way = 0.5 * (scenario.torso_m(scenario.start_m) + scenario.torso_m(scenario.goal_m))
         far_m = 2.2 * (float(np.hypot(*np.subtract(scenario.goal_m, scenario.start_m))) + 3.0 * size)
         set_up(server)
-        let_camera(server, way, far_m, np.array([-0.45, -0.75, 0.5]))
+        towards = np.array([-0.45, -0.75, 0.5])
+        let_camera(server, way, far_m, from_behind(towards, *map(np.array, (scenario.start_m, scenario.goal_m))))
         self._stage = Stage(server.scene, far_m)
         self._lay_out(robots)
         self._planning = WalkPlanning(self._told)
@@ -112,10 +113,11 @@ class WalkPage:
         """Show what is asked for, and plan it when it rests."""
         self._timer.cancel()
         self.answer, self._view = None, None
+        self._player.offer(False)
         try:
             self.scenario.task()
         except StancekitError as error:
-            self._say(ACCENT, "No walk to plan", str(error), "")
+            self._say(BAD, "No walk to plan", str(error), "")
         else:
             self._say(UNSURE, "To be planned", "The walk is planned once nothing is changed.", "")
             self._timer = threading.Timer(REST_S, self._begin, (self.number,))
@@ -144,11 +146,12 @@ class WalkPage:
                 return
             title, text = "No walk", answer.message
             if answer.accepted and answer.report is not None:
-                word = accepted_as_far(answer.report.unchecked)
+                word = acceptance_word(answer.report.unchecked)
                 title, text = word.partition(":")[0].capitalize(), text.removeprefix(word).lstrip(":; ")
-            self._say(GOOD if answer.accepted else ACCENT, title, text, took)
+            self._say(GOOD if answer.accepted else BAD, title, text, took)
             if answer.trajectory is not None:
                 self._view = GaitView(answer.trajectory)
+                self._player.offer(True)
                 self._player.show(0.0, answer.trajectory.duration_s)
                 self._summary.content = self._numbers()
                 with self._server.atomic():
@@ -225,7 +228,7 @@ class WalkPage:
             path = self.save()
             colour, words = GOOD, f"wrote {path}; stancekit verify {path} reads it"
         except StancekitError as error:
-            colour, words = ACCENT, str(error)
+            colour, words = BAD, str(error)
         self._saved.content = told(colour, words)
 
 

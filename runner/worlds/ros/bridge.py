@@ -37,7 +37,7 @@ class RosLink:
 
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
         self._module = roslibpy()
-        self.url, self._address, self._timeout_s = f"ws://{host}:{port}", (host, port), timeout_s
+        self.url, self._address, self.timeout_s = f"ws://{host}:{port}", (host, port), timeout_s
         self._lost, self._wrong = threading.Event(), list[str]()
         self._topics: dict[str, Any] = {}
         self._ears = _Complaints(self.complain, self._lost.set)
@@ -46,7 +46,7 @@ class RosLink:
     def open(self) -> None:
         """Connect. Raises InvalidInput where nobody answers, or somebody who does not speak WebSocket."""
         try:
-            socket.create_connection(self._address, timeout=self._timeout_s).close()
+            socket.create_connection(self._address, timeout=self.timeout_s).close()
         except OSError as error:
             raise InvalidInput(f"rosbridge {self.url}: expected a rosbridge, nobody is there: {error}") from None
         for name in ("roslibpy", "autobahn"):
@@ -56,7 +56,7 @@ class RosLink:
         self.ros.factory.maxRetries = 0
         self.ros.on("close", lambda _: self._lost.set())
         try:
-            self.ros.run(timeout=self._timeout_s)
+            self.ros.run(timeout=self.timeout_s)
         except self._module.core.RosTimeoutError:
             self.close()
             raise InvalidInput(
@@ -67,9 +67,14 @@ class RosLink:
         """What is wrong with the connection, None if nothing is."""
         if self._wrong:
             return f"rosbridge {self.url}: {self._wrong[0]}"
-        if self.ros is None or self._lost.is_set() or not self.ros.is_connected:
+        if not self.alive:
             return f"rosbridge {self.url}: the connection is lost"
         return None
+
+    @property
+    def alive(self) -> bool:
+        """Whether something can be sent, whatever came."""
+        return self.ros is not None and not self._lost.is_set() and bool(self.ros.is_connected)
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Message], None]) -> None:
         """Call back for every message. A callback that refuses one with InvalidInput makes it a trouble."""
@@ -85,11 +90,17 @@ class RosLink:
 
     def publish(self, topic: str, kind: str, message: Message) -> None:
         """Send a message; nothing is sent, and nothing kept for later, where the connection is lost."""
-        if self.trouble() is not None:
-            return
+        if self.alive:
+            self._publisher(topic, kind).publish(message)
+
+    def advertise(self, topic: str, kind: str) -> None:
+        """Say that something will be published: what follows at once waits for subscribers, or is lost on them."""
+        self._publisher(topic, kind).advertise()
+
+    def _publisher(self, topic: str, kind: str) -> Any:
         if topic not in self._topics:
             self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_size=1, reconnect_on_close=False)
-        self._topics[topic].publish(message)
+        return self._topics[topic]
 
     def through(self, latch: StopLatch, hand_over: Callable[[], Answer]) -> Answer:
         """Hand over what moves the robot, and wait until it was written. Raises Stopped, and HardwareFault in time.
@@ -110,28 +121,43 @@ class RosLink:
 
         future = asyncio.run_coroutine_threadsafe(sent(), self.ros.factory.manager.loop)
         try:
-            return future.result(self._timeout_s)
+            return future.result(self.timeout_s)
         except TimeoutError:
             given_up.set()  # or it would be sent whenever that thread goes on
-            raise HardwareFault(f"rosbridge {self.url}: nothing could be sent for {self._timeout_s:g} s") from None
+            raise HardwareFault(f"rosbridge {self.url}: nothing could be sent for {self.timeout_s:g} s") from None
 
     def send(self, message: Message) -> None:
         """Send an operation as it is; nothing where the connection is lost."""
-        if self.trouble() is None:
+        if self.alive:
             self.ros.send_on_ready(self._module.Message(message))
 
     def call(self, service: str, kind: str, request: Message) -> Message:
         """Call a service and wait. Raises InvalidInput where it refuses or does not answer in time."""
         client = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
         try:
-            return dict(client.call(self._module.ServiceRequest(request), timeout=self._timeout_s))
+            return dict(client.call(self._module.ServiceRequest(request), timeout=self.timeout_s))
         except Exception as error:  # roslibpy raises its own, and what the service said
             raise InvalidInput(f"{service}: expected an answer, got {error!s:.80}") from None
+
+    def ask(self, service: str, kind: str, request: Message, callback: Callable[[Message], None]) -> None:
+        """Call a service and wait for nothing. callback: gets the answer, if one comes."""
+        if self.alive:
+            client = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
+            client.call(self._module.ServiceRequest(request), lambda answer: callback(dict(answer)), lambda _: None)
+
+    def answers(self, timeout_s: float) -> bool:
+        """Whether a rosbridge has read all that was sent to it until now: it answers what is asked after that."""
+        done = threading.Event()
+        if not self.alive:
+            return False
+        client = self._module.Service(self.ros, "/rosapi/get_time", "rosapi/GetTime", reconnect_on_close=False)
+        client.call(self._module.ServiceRequest({}), lambda _: done.set(), lambda _: done.set())
+        return done.wait(timeout_s)
 
     def close(self) -> None:
         """Disconnect; once is enough."""
         if self.ros is not None and self.ros.is_connected:
-            self.ros.close(timeout=self._timeout_s)
+            self.ros.close(timeout=self.timeout_s)
         self.ros = None
         logging.getLogger("roslibpy").removeHandler(self._ears)
 

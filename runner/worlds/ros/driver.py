@@ -28,8 +28,9 @@ from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import WorldSettings
 from ..world import State, Terrain
+from .estop import EstopCheck
 from .follow import Follower
-from .robot import RosRobot
+from .robot import POLL_S, RosRobot
 from .setup import RosSetup
 
 SLACK_RAD = 0.05
@@ -39,7 +40,9 @@ SLACK_RAD = 0.05
 class RosWorld(HardwareWorld):
     """``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves. ``hold`` may come from another thread.
 
-    Torques are the efforts that ROS reports. Raises InvalidInput for a setup that lacks joints, and without roslibpy or
+    estop: how the e-stop of the setup is known to work before the robot is armed; evidence: what is known of it then.
+    pending: what may still move the robot after ``hold``. beat: called while ``step`` waits for joint states. Torques
+    are the efforts that ROS reports. Raises InvalidInput for a setup that lacks joints, and without roslibpy or
     pinocchio.
     """
 
@@ -59,8 +62,11 @@ class RosWorld(HardwareWorld):
         known = actuators is not None and all(each.stiffness_nm_rad is not None for each in found.actuators)
         self.drives = replace(found, yields=known)
         self.setup, self.capabilities = setup, WorldCapabilities.of_servos(robot, servo, rate_hz, senses=False)
-        self._robot = RosRobot(setup, self.joints, self.latch)
+        self._robot = self._made()
         self._follower = Follower(self._robot)
+        self.estop: EstopCheck = "heard"
+        self.evidence, self.pending = "", ""
+        self.beat: Callable[[], None] = lambda: None
         self._switched = False  # on, by an arming that did not end well
 
     @classmethod
@@ -69,7 +75,9 @@ class RosWorld(HardwareWorld):
         setup = RosSetup.from_yaml(settings.file("a set-up file", cls.name), joint_names(settings.robot))
         settings.check_name(setup.robot)
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
-        return cls(settings.robot, setup, settings.servo, rate_hz=rate_hz, actuators=settings.actuators)
+        made = cls(settings.robot, setup, settings.servo, rate_hz=rate_hz, actuators=settings.actuators)
+        made.estop = settings.estop
+        return made
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check the controller's joints, measure; nothing is sent that could move the robot.
@@ -79,7 +87,7 @@ class RosWorld(HardwareWorld):
         limits, and an e-stop that is pressed.
         """
         self.close()
-        self._robot = RosRobot(self.setup, self.joints, self.latch)
+        self._robot = self._made()
         self._follower = Follower(self._robot)
         try:
             self._robot.connect()
@@ -96,13 +104,15 @@ class RosWorld(HardwareWorld):
         """Arm: hold the measured pose, the controller switched on if the setup names its manager; or switch it off.
 
         However an arming is interrupted, the controller is off again if it was switched on; ``hold`` makes sure of it.
+        Raises InvalidInput, and nothing has moved, for an e-stop that would not be heard, and where somebody else
+        moves the joints.
         """
         if not on:
             self.relax()
             return
         if not self._open:
             raise InvalidInput("world: expected reset before torque")
-        self._check()
+        self._robot.wake(1.0 / self.rate_hz)
         try:
             self._arm()
         except BaseException:
@@ -120,6 +130,11 @@ class RosWorld(HardwareWorld):
         """
         targets = self._checked(targets_rad)
         self._check()
+        while not self._robot.fresh(1.0 / self.rate_hz):  # or what is sent now would wait with what was sent before
+            self.latch.check()
+            self.beat()
+            time.sleep(POLL_S)
+            self._check()
         self._sent = self.sendable(targets)
         try:
             self._robot.stream(self._sent)
@@ -148,6 +163,7 @@ class RosWorld(HardwareWorld):
         self._check_trajectory(times, angles)
         self._check()
         self._due_s = time.monotonic()
+        self._robot.controller.forget()
         try:
             self._follower.follow(
                 self._sent, times, angles, lambda: on_state(self._state()) if on_state is not None else None
@@ -159,7 +175,9 @@ class RosWorld(HardwareWorld):
         return self._state()
 
     def hold(self) -> None:
-        """Cancel a trajectory that is on its way; otherwise send nothing: the controller holds its last target.
+        """Cancel a trajectory that is on its way; otherwise the controller holds its last target, and a rosbridge that
+        is late is sent a hold for what waits in it. Then wait until nothing moves: ``pending`` says what may still
+        come, empty where nothing may.
 
         After an arming that was interrupted it is switched off; raises HardwareFault where that cannot be done.
         """
@@ -168,6 +186,7 @@ class RosWorld(HardwareWorld):
         if self._switched:
             self._robot.switch(False)
             self._switched = False
+        self.pending = self._robot.settle(1.0 / self.rate_hz)
 
     def relax(self) -> None:
         """Switch the controller off. Raises HardwareFault where that cannot be done."""
@@ -184,14 +203,23 @@ class RosWorld(HardwareWorld):
         self._robot.link.close()
 
     def _arm(self) -> None:
+        self.evidence = self._robot.confirm(self.estop)
+        if not self._robot.stopped:
+            self._robot.check_free()
         if self.setup.controller_manager is not None:
             self.latch.check()
             self._switched = True
             self._robot.switch(True)
+            self._robot.started()
+        self._robot.wake(1.0 / self.rate_hz)
         self._sent = self._robot.states.read()[0]
         self._follower.ready()
         self._robot.stream(self._sent)
+        self._robot.taken()
         self.latch.check()
+
+    def _made(self) -> RosRobot:
+        return RosRobot(self.setup, self.joints, self.latch, self.capabilities.velocity_rad_s)
 
     def _check(self) -> None:
         """Raise HardwareFault for whatever is wrong now; the world is not armed then."""

@@ -18,8 +18,12 @@ from .robot import POLL_S, RosRobot
 
 PROBE_S = 3.0
 """Length of the goal that is cancelled before any other is sent."""
+ACTIVE_S = 0.3
+"""So long is waited for a sign that a goal of ROS 2 is acted on: its feedback, which some controllers do not send."""
 AGAIN_S = 0.1
-"""A cancel that comes before its goal is lost: it is sent again so often until the goal has ended."""
+"""A cancel may be lost: it is sent again so often until the goal has ended."""
+REPLACED_S = 0.5
+"""A goal that a cancel did not end in this time is replaced."""
 
 
 class Follower:
@@ -69,16 +73,16 @@ class Follower:
     def _probe(self, first_rad: Array) -> None:
         """Send a goal that holds the pose and cancel it: some rosbridges read no cancel while a goal is on its way."""
         goal = self._send(np.array([PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad))))
+        setup = self._robot.setup
+        goal.active.wait(setup.timeout_s if setup.ros == 1 else ACTIVE_S)
         begin = time.monotonic()
         self._cancel(goal, self._robot.link)
         took = time.monotonic() - begin
         if (goal.ended or "").startswith("rejected"):
             raise InvalidInput(f"{self._robot.setup.controller}: a goal that holds the measured pose was {goal.ended}")
         if not goal.done.is_set() or took > 0.5 * PROBE_S:
-            raise InvalidInput(
-                f"rosbridge {self._robot.setup.url}: expected a cancelled goal to end at once, it did not: start the "
-                "rosbridge with send_action_goals_in_new_thread:=true"
-            )
+            hint = ": start the rosbridge with send_action_goals_in_new_thread:=true" if setup.ros == 2 else ""
+            raise InvalidInput(f"rosbridge {setup.url}: expected a cancelled goal to end at once, it did not{hint}")
         self._cancels = True
 
     def _send(self, times_s: Array, angles_rad: Array, rates: Array) -> Goal:
@@ -95,12 +99,13 @@ class Follower:
                 self._fed.set()
 
         goal = follow_goal(path, robot.mapping.names, setup.path_rad, setup.goal_rad, setup.goal_s, setup.ros)
-        return robot.link.through(robot.latch, lambda: robot.goals.send(goal, fed))
+        goals = robot.goals
+        return robot.link.through(robot.latch, lambda: goals.send(goal, fed))
 
     def _cancelled(self, goal: Goal) -> str:
         """Cancel, over a new connection if the old one is of no use; what to say of that."""
         setup = self._robot.setup
-        if self._robot.link.trouble() is None:
+        if self._robot.link.alive:
             self._cancel(goal, self._robot.link)
             return "it is cancelled" if goal.done.is_set() else "the robot did not confirm the cancel"
         again = RosLink(setup.host, setup.port, min(setup.timeout_s, 1.0))
@@ -111,13 +116,20 @@ class Follower:
         try:
             for _ in range(2):
                 goal.cancel(again)
+                self._robot.halt(again)
                 time.sleep(AGAIN_S)
         finally:
             again.close()
         return "a cancel was sent over a new connection"
 
     def _cancel(self, goal: Goal, link: RosLink) -> None:
-        end = time.monotonic() + self._robot.setup.timeout_s
-        while not goal.done.is_set() and time.monotonic() < end and link.trouble() is None:
-            goal.cancel(link)
-            goal.done.wait(AGAIN_S)
+        """Cancel once it is active, and again until it has ended; one that does not is replaced, where that can be."""
+        begin = time.monotonic()
+        end = begin + self._robot.setup.timeout_s
+        while not goal.done.is_set() and time.monotonic() < end and link.alive:
+            if goal.active.wait(AGAIN_S):
+                goal.cancel(link)
+                goal.done.wait(AGAIN_S)
+            if time.monotonic() - begin > REPLACED_S:
+                goal.cancel(link)
+                self._robot.halt()

@@ -19,15 +19,18 @@ ERRORS = {
     -5: "goal tolerance violated",
 }  # fmt: skip
 """Error codes of a FollowJointTrajectory result."""
+ACTIVE = 1
+"""actionlib's status of a goal that is acted on."""
 ROS1_ENDS = {2: "cancelled", 3: "succeeded", 4: "aborted", 5: "rejected", 8: "cancelled", 9: "lost"}
 ROS2_ENDS = {4: "succeeded", 5: "cancelled", 6: "aborted"}
 
 
 class Goal(ABC):
-    """One goal from its sending to its end. ended: how, None while it goes on; "succeeded" if it did."""
+    """One goal from its sending to its end. active: set once the robot acts on it, or it has ended: a cancel that comes
+    earlier may be lost. ended: how, None while it goes on; "succeeded" if it did."""
 
     def __init__(self) -> None:
-        self.done = threading.Event()
+        self.done, self.active = threading.Event(), threading.Event()
         self.ended: str | None = None
 
     @abstractmethod
@@ -42,7 +45,12 @@ class Goal(ABC):
         why = ERRORS.get(code, "") if isinstance(code, int) else ""
         message = detail if isinstance(detail, str) else ""
         self.ended = how if how == "succeeded" else ": ".join(part for part in (how, why, message[:100]) if part)
+        self.active.set()
         self.done.set()
+
+    def _fed(self, on_feedback: Callable[[Message], None], message: Any) -> None:
+        self.active.set()
+        on_feedback(dict(message))
 
 
 class Ros2Goal(Goal):
@@ -52,8 +60,9 @@ class Ros2Goal(Goal):
         super().__init__()
         module = roslibpy()
         self._client = module.ActionClient(link.ros, action, "control_msgs/action/FollowJointTrajectory")
-        goal_arguments = module.Goal(goal), self._resulted, lambda message: on_feedback(dict(message)), self._failed
-        self.id = self._client.send_goal(*goal_arguments)
+        self.id = self._client.send_goal(
+            module.Goal(goal), self._resulted, lambda message: self._fed(on_feedback, message), self._failed
+        )
 
     def cancel(self, link: RosLink) -> None:
         """Ask that it stop. Not by roslibpy's own verb, which knows one connection only."""
@@ -78,7 +87,7 @@ class Ros1Goal(Goal):
         self._result: Any = None
         self._status: str | None = None
         self._goal = actionlib.Goal(client, goal)
-        self._goal.on("feedback", lambda message: on_feedback(dict(message)))
+        self._goal.on("feedback", lambda message: self._fed(on_feedback, message))
         self._goal.on("result", self._resulted)
         self._goal.on("status", self._stated)
         self._goal.send()
@@ -93,6 +102,8 @@ class Ros1Goal(Goal):
         self._ready()
 
     def _stated(self, message: Any) -> None:
+        if message["status"] == ACTIVE:
+            self.active.set()
         self._status = ROS1_ENDS.get(message["status"])
         self._ready()
 
@@ -137,19 +148,30 @@ def cancel_all(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
 
 
 def trajectory(
-    names: tuple[str, ...], times_s: Array, positions: Array, velocities: Array | None, ros: Literal[1, 2]
+    names: tuple[str, ...],
+    times_s: Array,
+    positions: Array,
+    velocities: Array | None,
+    ros: Literal[1, 2],
+    stamp_s: float = 0.0,
 ) -> Message:
     """A JointTrajectory; shapes (T,), (T, J), (T, J). Without velocities the controller goes in straight lines.
 
-    A stamp of 0 is "from when it arrives". Where it is left out, a rosbridge writes its own clock's time into it.
+    stamp_s: when it begins, by the robot's clock; one that has ended by then when it arrives is dropped. A stamp of 0
+    is "from when it arrives". Where it is left out, a rosbridge writes its own clock's time into it.
     """
     points = [
         {"positions": positions[k].tolist(), "time_from_start": duration(float(time_s), ros)}
         | ({} if velocities is None else {"velocities": velocities[k].tolist()})
         for k, time_s in enumerate(times_s)
     ]
-    header = {"stamp": duration(0.0, ros), "frame_id": ""}
+    header = {"stamp": duration(stamp_s, ros), "frame_id": ""}
     return {"header": header, "joint_names": list(names), "points": points}
+
+
+def standstill(names: tuple[str, ...], ros: Literal[1, 2]) -> Message:
+    """A JointTrajectory without points, at which a controller of ROS 1 holds where it is, whatever it was doing."""
+    return trajectory(names, np.zeros(0), np.zeros((0, len(names))), None, ros)
 
 
 def follow_goal(

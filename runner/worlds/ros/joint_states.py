@@ -1,4 +1,4 @@
-"""What ROS says of the joints: newest angles, rates and efforts, how old they are, and nonsense refused by name."""
+"""The joints as ROS measures them: newest angles, rates and efforts, how old they are, and nonsense refused by name."""
 
 from __future__ import annotations
 
@@ -13,37 +13,74 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import LARGEST, Array
 from stancekit.planners.files.validation import shown
 
+from .clock import RobotClock, stamp_of
 from .setup import Mapping
+
+SLACK_RAD, SLACK = 0.05, 1.5
+STAMPED_S, UNSTAMPED_S = 0.02, 0.1
+"""A joint is believed to have turned by SLACK times its greatest velocity, for so much longer than is known, and by
+SLACK_RAD more; what is measured farther away is nonsense."""
+LATE_S = 0.25
+"""Two messages are taken to be measured no longer apart than this more than they came."""
+REST_RAD = 0.004
+"""A joint that moves less is at rest."""
+PUBLISHERS = 64
+"""Groups of joints of which the clock is remembered."""
 
 
 class JointStates:
-    """The newest of every joint, put together from messages that may each speak of some; written by one thread."""
+    """The newest of every joint, put together from messages that may each speak of some; written by one thread.
 
-    def __init__(self, mapping: Mapping, joints: Sequence[str]) -> None:
+    velocity_rad_s: the greatest that a joint can have, shape (J,).
+    """
+
+    def __init__(self, mapping: Mapping, joints: Sequence[str], velocity_rad_s: Array) -> None:
         self._mapping, self._joints = mapping, tuple(joints)
         self._index = {name: i for i, name in enumerate(mapping.names)}
+        self._fastest = SLACK * velocity_rad_s
         self._lock = threading.Lock()
         self._table = np.zeros((3, len(self._joints)))
-        self._seen_s = np.full(len(self._joints), -np.inf)
+        self._seen_s = np.full(len(self._joints), -np.inf)  # when measured
+        self._came_s = np.full(len(self._joints), -np.inf)
+        self._rest, self._moved_s = np.full(len(self._joints), np.inf), -np.inf
+        self._clocks: dict[tuple[str, ...], RobotClock] = {}
         self.others: set[str] = set()
 
     def take(self, message: Any) -> None:
-        """A sensor_msgs/JointState. Raises InvalidInput for nonsense about one of the robot's joints."""
+        """A sensor_msgs/JointState. Raises InvalidInput for nonsense about one of the robot's joints.
+
+        Nonsense is also an angle that its joint cannot have come to since it was measured last.
+        """
         names = _list(message, "name")
+        mine = {k: self._index[name] for k, name in enumerate(names) if _text(name) in self._index}
+        if len(self.others) < PUBLISHERS:
+            self.others.update(str(name) for name in names if _text(name) not in self._index)
+        if not mine:
+            return
         rows = [_list(message, key) for key in ("position", "velocity", "effort")]
         if len(rows[0]) != len(names):
             raise InvalidInput(f"expected {len(names)} positions, one a name, got {len(rows[0])}")
         now = time.monotonic()
+        key = tuple(sorted(names[k] for k in mine))
+        if len(self._clocks) < PUBLISHERS:
+            self._clocks.setdefault(key, RobotClock())
+        clock = self._clocks.get(key)
+        stamp_s = stamp_of(message)
+        measured_s = now if clock is None else clock.take(stamp_s, now)
+        slack_s = UNSTAMPED_S if stamp_s is None else STAMPED_S
         with self._lock:
-            for place, name in enumerate(names):
-                index = self._index.get(name) if isinstance(name, str) else None
-                if index is None:
-                    self.others.add(str(name))
-                    continue
+            table = self._table.copy()
+            for place, index in mine.items():
                 for row, values in enumerate(rows):
                     if len(values) == len(names) and (row == 0 or values[place] is not None):
-                        self._table[row, index] = _number(values[place], name)
-                self._seen_s[index] = now
+                        table[row, index] = _number(values[place], names[place])
+            indices = np.array(list(mine.values()))
+            self._check_jumps(table[0], indices, (measured_s, now), slack_s)
+            self._table = table
+            self._seen_s[indices] = np.maximum(self._seen_s[indices], measured_s)
+            self._came_s[indices] = now
+            if np.any(np.abs(table[0, indices] - self._rest[indices]) > REST_RAD):
+                self._rest[indices], self._moved_s = table[0, indices], measured_s
 
     def actual(self, feedback: Any) -> None:
         """Feedback of a FollowJointTrajectory goal: its ``actual`` is a measurement, too."""
@@ -59,15 +96,53 @@ class JointStates:
         turned = self._mapping.direction
         return self._mapping.from_ros(table[0]), turned * table[1], turned * table[2]
 
+    def as_told(self) -> tuple[Array, Array, Array]:
+        """Angles and rates as ROS counts, and when they were measured (-inf for never), each shape (J,)."""
+        with self._lock:
+            return self._table[0].copy(), self._table[1].copy(), self._seen_s.copy()
+
     def age_s(self) -> Array:
-        """How long ago each joint was heard of, shape (J,) [s]; inf for never."""
+        """How long ago each joint was measured, shape (J,) [s]; inf for never."""
         with self._lock:
             return np.asarray(time.monotonic() - self._seen_s)
 
+    def period_s(self) -> float:
+        """Time between two measurements of the joint that is measured most rarely [s]; 0 before it is known."""
+        return max((clock.period_s() for clock in self._clocks.values()), default=0.0)
+
+    def moved_s(self) -> float:
+        """When a joint was measured last to have moved, ``time.monotonic``; -inf for never."""
+        return self._moved_s
+
     def silent(self, since_s: float) -> list[str]:
-        """Joints of which nothing was heard for so long, by both names where they differ."""
+        """Joints that were not measured for so long, by both names where they differ."""
         pairs = zip(self._joints, self._mapping.names, self.age_s(), strict=True)
         return [ours if ours == theirs else f"{ours} ({theirs})" for ours, theirs, age in pairs if age > since_s]
+
+    def _check_jumps(self, positions: Array, indices: Array, times_s: tuple[float, float], slack_s: float) -> None:
+        """Raise InvalidInput for joints that are measured where they cannot have come to.
+
+        times_s: when they were measured, and when that was heard. slack_s: how wrong the former may be.
+        """
+        measured_s, now_s = times_s
+        before, seen_s = self._table[0, indices], self._seen_s[indices]
+        known = np.isfinite(seen_s)
+        apart_s = np.where(known, np.abs(measured_s - np.where(known, seen_s, 0.0)), np.inf)
+        came_s = np.where(known, now_s - np.where(known, self._came_s[indices], 0.0), np.inf)
+        apart_s = np.minimum(apart_s, came_s + LATE_S)
+        jump = np.abs(positions[indices] - before)
+        far = known & (jump > SLACK_RAD + self._fastest[indices] * (apart_s + slack_s))
+        if far.any():
+            k = int(np.argmax(np.where(far, jump, 0.0)))
+            index = int(indices[k])
+            raise InvalidInput(
+                f"{self._joints[index]}: measured {positions[index]:.3f} rad {1e3 * came_s[k]:.0f} ms after "
+                f"{before[k]:.3f}, faster than it can turn ({self._fastest[index] / SLACK:.1f} rad/s): two publishers?"
+            )
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
 
 
 def _list(message: Any, key: str) -> list[Any]:

@@ -4,136 +4,299 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.validation import shown
 
 from ...safety.latch import StopLatch
 from .bridge import RosLink
-from .goal import Goals, trajectory
+from .clock import version_of
+from .controller import ControllerState
+from .estop import Estop, EstopCheck
+from .goal import Goals, standstill, trajectory
+from .graph import RosGraph
 from .joint_states import JointStates
+from .manager import ControllerManager, Listed
 from .setup import Mapping, RosSetup
 
 POLL_S = 0.01
-LOOK_S = 0.1
+LOOK_S = 0.5
 """So long is listened at least, for nonsense between what makes sense."""
+PATIENCE = 3.0
+"""A controller is waited for so many times as long where joint states are heard: its topic is subscribed to later."""
+FEW = 3
+"""Joint states are late after so many of their periods, where that is more than ``stale_s``."""
+PERIODS = 2
+"""Nothing is sent while the newest joint states are older than so many periods, of theirs and of the commands."""
+STILL_S, REST_S = 0.15, 1.0
+"""A robot that did not move for STILL_S is at rest; so long is waited for that after a stop."""
+TAKEN_S = 1.0
+"""So long a controller may take to say something new after the command that arms it."""
+JOINT_STATE, STATE = ("sensor_msgs", "JointState"), ("control_msgs", "JointTrajectoryControllerState")
 
 
 class RosRobot:
     """One connection to one robot. ``listen`` first; a robot that is lost stays lost. J joints.
 
-    latch: whatever moves it passes this. pressed: whether the e-stop was pressed since; letting go of the button
-    changes nothing. Raises InvalidInput for a
-    setup that lacks joints, and without roslibpy.
+    velocity_rad_s: the greatest of the joints, shape (J,). latch: whatever moves it passes this. stopped: its
+    controller, which the manager can switch on, does not run. Raises InvalidInput for a setup that lacks joints, and
+    without roslibpy.
     """
 
-    def __init__(self, setup: RosSetup, joints: Sequence[str], latch: StopLatch) -> None:
+    def __init__(self, setup: RosSetup, joints: Sequence[str], latch: StopLatch, velocity_rad_s: Array) -> None:
         self.setup, self.mapping, self.latch = setup, Mapping(setup, joints), latch
-        self.states = JointStates(self.mapping, joints)
+        self.states = JointStates(self.mapping, joints, velocity_rad_s)
+        self.controller = ControllerState(self.mapping, joints, self.states)
         self.link = RosLink(setup.host, setup.port, setup.timeout_s)
-        self.goals: Goals
-        self.pressed = False
-        self._joints, self._controlled = tuple(joints), list[str]()
+        self.estop = None if setup.estop is None else Estop(self.link, setup.estop)
+        self.manager = ControllerManager(self.link, setup)
+        self.stopped = False
+        self._goals: Goals | None = None
+        self._joints = tuple(joints)
+        self._sent_s, self._void_s = -np.inf, -np.inf
 
     def connect(self) -> None:
         """Connect and subscribe; nothing is sent that could move the robot. Raises InvalidInput."""
         setup = self.setup
         self.link.open()
-        self.link.subscribe(setup.joint_states, self.kind("sensor_msgs", "JointState"), self.states.take)
+        self.link.subscribe(setup.joint_states, self.kind(*JOINT_STATE), self._measure)
         state = "controller_state" if setup.ros == 2 else "state"
-        self.link.subscribe(
-            f"{setup.controller}/{state}", self.kind("control_msgs", "JointTrajectoryControllerState"), self._controls
-        )
-        if setup.estop is not None:
-            self.link.subscribe(setup.estop, self.kind("std_msgs", "Bool"), self._press)
+        self.link.subscribe(f"{setup.controller}/{state}", self.kind(*STATE), self.controller.take)
+        if setup.ros == 2:  # its name before Iron
+            self.link.subscribe(f"{setup.controller}/state", self.kind(*STATE), self.controller.take)
+        if self.estop is not None:
+            self.estop.subscribe(self.kind("std_msgs", "Bool"))
+        self.link.advertise(self._command, self.kind("trajectory_msgs", "JointTrajectory"))
         self.listen()
-        self.goals = Goals(self.link, setup.controller, setup.ros)
+
+    @property
+    def goals(self) -> Goals:
+        """Where whole trajectories are sent to. Raises InvalidInput where nobody takes them."""
+        if self._goals is None:
+            self._goals = Goals(self.link, self.setup.controller, self.setup.ros)
+        return self._goals
 
     def listen(self) -> None:
         """Wait until the robot has spoken of all joints, and see that its controller means the same ones.
 
-        Raises InvalidInput for silence, nonsense, and joints that do not match.
+        A controller that its manager lists as stopped says nothing, and is asked for its joints there. Raises
+        InvalidInput for silence, nonsense, and joints that do not match.
         """
-        setup, url = self.setup, f"rosbridge {self.setup.url}"
+        setup = self.setup
         begin, late, missing = time.monotonic(), False, list(self._joints)
+        listed: Listed | None = None
         while not late and self.trouble(silence=False) is None:
             time.sleep(POLL_S)
-            spent_s, missing = time.monotonic() - begin, self.states.silent(setup.stale_s)
-            if not missing and self._controlled and spent_s > LOOK_S:
+            spent_s, missing = time.monotonic() - begin, self.states.silent(self._stale_s())
+            if not missing and self.controller.names and spent_s > LOOK_S:
                 break
-            late = spent_s > setup.timeout_s
+            if not missing and spent_s > 2.0 * LOOK_S and setup.controller_manager is not None and listed is None:
+                listed = self.manager.listed() or Listed(state="", joints=frozenset())
+                if listed.state and not listed.runs:
+                    break
+            late = spent_s > setup.timeout_s * (1.0 if missing else PATIENCE)
         if (trouble := self.trouble(silence=False)) is not None:
             raise InvalidInput(trouble)
-        others = sorted(self.states.others)
-        if late and missing and len(missing) == len(self._joints) and not others:
-            raise InvalidInput(f"{url}: expected joint states on {setup.joint_states}, heard none")
         if late and missing:
-            there = f"; other names there: {listed(others)}" if others else ""
-            raise InvalidInput(f"{url}: {setup.joint_states}: expected all joints, nothing of {listed(missing)}{there}")
-        if late:
-            raise InvalidInput(f"{url}: expected the state of {setup.controller}, heard nothing: is it running?")
-        wrong = sorted(set(self._controlled).symmetric_difference(self.mapping.names))
-        if wrong:
-            raise InvalidInput(f"{setup.controller}: expected the joints of the setup, they differ in {listed(wrong)}")
+            raise InvalidInput(f"rosbridge {setup.url}: {self._unheard_states(missing)}")
+        self.stopped = not self.controller.names and listed is not None and bool(listed.state) and not listed.runs
+        if self.stopped and listed is not None:
+            self._check_names(listed.joints)
+        elif not self.controller.names:
+            raise InvalidInput(f"rosbridge {setup.url}: {self._unheard_controller()}")
+        else:
+            self._check_names(self.controller.names)
+
+    def check_free(self) -> None:
+        """Raise InvalidInput where somebody else moves the joints."""
+        if (busy := self.controller.busy()) is not None:
+            raise InvalidInput(f"{self.setup.controller}: {busy}")
+
+    def started(self) -> None:
+        """Wait for the controller that was switched on. Raises HardwareFault where it stays silent, or has others'
+        joints."""
+        end = time.monotonic() + self.setup.timeout_s
+        while not self.controller.names:
+            if time.monotonic() > end:
+                raise HardwareFault(f"{self.setup.controller}: switched on, and nothing heard of it")
+            time.sleep(POLL_S)
+        try:
+            self._check_names(self.controller.names)
+        except InvalidInput as error:
+            raise HardwareFault(str(error)) from None
+        self.stopped = False
+
+    def confirm(self, how: EstopCheck) -> str:
+        """See that the e-stop would be heard; what is known of it, empty without one. Raises InvalidInput."""
+        return "" if self.estop is None else self.estop.confirm(how)
 
     def trouble(self, *, silence: bool = True) -> str | None:
-        """What is wrong now, None if nothing is. silence: joints that were not heard of lately are."""
+        """What is wrong now, None if nothing is. silence: joints that were not heard of lately are, and an e-stop."""
         found = self.link.trouble()
-        if found is None and self.pressed:
-            found = f"e-stop pressed on {self.setup.estop}"
-        if found is None and silence and (late := self.states.silent(self.setup.stale_s)):
-            stale_ms = 1e3 * self.setup.stale_s
-            found = f"{self.setup.joint_states}: {listed(late)}: nothing heard for {stale_ms:.0f} ms"
+        if found is None and self.estop is not None and self.estop.pressed:
+            found = f"e-stop pressed on {self.estop.topic}"
+        if found is None and (why := self.controller.trouble()) is not None:
+            found = f"{self.setup.joint_states if 'publishers' in why else self.setup.controller}: {why}"
+        if found is None and silence and (late := self.states.silent(self._stale_s())):
+            found = f"{self.setup.joint_states}: {listed(late)}: nothing heard for {1e3 * self._stale_s():.0f} ms"
+        if found is None and silence and self.estop is not None:
+            found = self.estop.lost()
         return found
 
-    def stream(self, targets_rad: Array) -> None:
-        """Publish a trajectory of one point, shape (J,), ``lead_s`` ahead; it replaces the one before.
+    def fresh(self, period_s: float) -> bool:
+        """Whether the newest joint states are young enough to send something. period_s: of the commands."""
+        return bool(self.states.age_s().max() <= PERIODS * max(self.states.period_s(), period_s))
 
-        Raises Stopped after a stop, HardwareFault where it cannot be sent.
+    def wake(self, period_s: float) -> None:
+        """Wait for joint states that are fresh enough, before anything is sent. Raises InvalidInput for a trouble, and
+        where none come. period_s: of the commands."""
+        end = time.monotonic() + self.setup.timeout_s
+        while not self.fresh(period_s) and self.trouble(silence=False) is None and time.monotonic() < end:
+            self.latch.check()
+            time.sleep(POLL_S)
+        if (trouble := self.trouble()) is not None:
+            raise InvalidInput(trouble)
+
+    def stream(self, targets_rad: Array) -> None:
+        """Publish a trajectory that goes to these targets, shape (J,), ``lead_s`` ahead; it replaces the one before.
+
+        Where the controller's clock is known, one that comes later than that is reached when it would be ``stale_s``
+        late, and one that comes later still is dropped; in ROS 2 all that come later than ``lead_s`` are. Raises
+        Stopped after a stop, HardwareFault where it cannot be sent.
         """
-        topic = "joint_trajectory" if self.setup.ros == 2 else "command"
-        point = self.mapping.to_ros(targets_rad)[None, :]
-        path = trajectory(self.mapping.names, np.array([self.setup.lead_s]), point, None, self.setup.ros)
-        message = f"{self.setup.controller}/{topic}", self.kind("trajectory_msgs", "JointTrajectory"), path
-        self.link.through(self.latch, lambda: self.link.publish(*message))
+        setup, now = self.setup, time.monotonic()
+        point, stamp_s = self.mapping.to_ros(targets_rad), self.controller.clock.at(now)
+        late = stamp_s is not None and setup.ros == 1
+        times_s = np.array([setup.lead_s, setup.lead_s + setup.stale_s] if late else [setup.lead_s])
+        path = trajectory(
+            self.mapping.names, times_s, np.tile(point, (len(times_s), 1)), None, setup.ros, stamp_s or 0.0
+        )
+        self.controller.sent(point)
+        kind = self.kind("trajectory_msgs", "JointTrajectory")
+        self.link.through(self.latch, lambda: self.link.publish(self._command, kind, path))
+        self._sent_s = now
+        self._void_s = np.inf if stamp_s is None else now + float(times_s[-1])
+
+    def taken(self) -> None:
+        """Wait until the command that was sent last is over. Raises HardwareFault where the controller says nothing."""
+        over_s, end = self._sent_s + self.setup.lead_s, time.monotonic() + TAKEN_S
+        while self.controller.heard_s() <= over_s:
+            if (trouble := self.trouble()) is not None:
+                raise HardwareFault(trouble)
+            if time.monotonic() > end:
+                raise HardwareFault(f"{self.setup.controller}: nothing heard of it for {TAKEN_S:g} s")
+            time.sleep(POLL_S)
+
+    def halt(self, link: RosLink | None = None) -> None:
+        """Have a controller of ROS 1 hold where it is, in place of what it does and of what waits for it; one of ROS 2
+        knows no such command. link: another connection."""
+        if self.setup.ros == 1:
+            kind = self.kind("trajectory_msgs", "JointTrajectory")
+            (link or self.link).publish(self._command, kind, standstill(self.mapping.names, 1))
+
+    def settle(self, period_s: float) -> str:
+        """Wait until nothing moves any more; what may still come, empty where nothing may. period_s: of the commands.
+
+        A rosbridge that is late is sent a command to hold, for what waits in it.
+        """
+        if self._sent_s == -np.inf:
+            return ""
+        late = self.link.alive and not self.fresh(period_s)
+        if late:
+            self.halt()
+        end, read = time.monotonic() + REST_S, False
+        while time.monotonic() < end and self.link.alive:
+            read = read or self.link.answers(max(end - time.monotonic(), 0.0))
+            now, newest_s = time.monotonic(), time.monotonic() - float(self.states.age_s().max())
+            still_s = newest_s - max(self.states.moved_s(), self._sent_s + self.setup.lead_s)
+            if read and still_s > STILL_S and self.fresh(period_s):
+                return ""
+            time.sleep(POLL_S)
+        now = time.monotonic()
+        if read and self.fresh(period_s):
+            return "it still moves: another client of the controller?"
+        void = self._void_s + self.setup.stale_s
+        if now < void < np.inf:
+            time.sleep(void - now)
+        what = "the connection is lost" if not self.link.alive else "nothing is heard"
+        if void < np.inf:
+            return f"{what}; what was sent is out of date by its stamps, and is not acted on any more"
+        since = f"{now - self._sent_s:.1f} s ago"
+        return (
+            f"{what}; commands that were sent up to {since} have no stamps, and may still move it, for up to "
+            f"{self.setup.lead_s:g} s, whenever the rosbridge goes on"
+        )
 
     def switch(self, on: bool) -> None:
         """Switch the controller on or off. Raises HardwareFault where that is refused, or nobody is there to ask; and
         Stopped after a stop, for on."""
-        manager, controller = self.setup.controller_manager, self.setup.controller.rsplit("/", 1)[-1]
-        if manager is None:
-            raise HardwareFault("torque: cannot be switched, the setup names no controller_manager; the robot holds")
-        verbs = ("activate", "deactivate") if self.setup.ros == 2 else ("start", "stop")
-        lists = {f"{verb}_controllers": [controller] if on == (k == 0) else [] for k, verb in enumerate(verbs)}
-        kind = "controller_manager_msgs/" + ("srv/" if self.setup.ros == 2 else "") + "SwitchController"
-        try:
-            with self.latch.sending() if on else nullcontext():
-                answer = self.link.call(f"{manager}/switch_controller", kind, lists | {"strictness": 1})
-        except InvalidInput as error:
-            raise HardwareFault(f"torque: {error}") from None
-        if answer.get("ok") is not True:
-            raise HardwareFault(f"torque: {manager} did not switch {controller} {'on' if on else 'off'}")
+        self.manager.switch(on, self.latch.sending() if on else None)
 
     def kind(self, package: str, name: str) -> str:
         """The type of a message, as this ROS names it."""
         return f"{package}/msg/{name}" if self.setup.ros == 2 else f"{package}/{name}"
 
-    def _controls(self, message: Any) -> None:
-        names = message.get("joint_names") if isinstance(message, dict) else None
-        if not isinstance(names, list):
-            raise InvalidInput(f"expected joint_names to be a list, got {shown(names, 40)}")
-        self._controlled = [str(name) for name in names]
+    @property
+    def _command(self) -> str:
+        return f"{self.setup.controller}/{'joint_trajectory' if self.setup.ros == 2 else 'command'}"
 
-    def _press(self, message: Any) -> None:
-        pressed = message.get("data") if isinstance(message, dict) else None
-        if not isinstance(pressed, bool):
-            raise InvalidInput(f"expected data to be true or false, got {shown(pressed, 40)}")
-        self.pressed = self.pressed or pressed
+    def _stale_s(self) -> float:
+        """How old joint states may be: of a robot that sends them rarely, some of its periods."""
+        return max(self.setup.stale_s, FEW * min(self.states.period_s(), 1.0))
+
+    def _measure(self, message: Any) -> None:
+        version = version_of(message)
+        if version not in (None, self.setup.ros):
+            raise InvalidInput(f"its stamps are those of ROS {version}: ros: {version} in the setup?")
+        self.states.take(message)
+
+    def _check_names(self, names: Sequence[str] | frozenset[str]) -> None:
+        wrong = sorted(set(names).symmetric_difference(self.mapping.names))
+        if wrong:
+            raise InvalidInput(
+                f"{self.setup.controller}: expected the joints of the setup, they differ in {listed(wrong)}"
+            )
+
+    def _unheard_states(self, missing: Sequence[str]) -> str:
+        """What to say, and to do, where joints were not heard of."""
+        topic, others = self.setup.joint_states, sorted(self.states.others)
+        if len(missing) < len(self._joints) or others:
+            there = f"; other names there: {listed(others)}" if others else ""
+            return f"{topic}: expected all joints, nothing of {listed(missing)}{there}"
+        found = f"expected joint states on {topic}, heard none"
+        if self._heard_as_other(topic):
+            other = 3 - self.setup.ros
+            return f"{found} of ROS {self.setup.ros}; there are some of ROS {other}: ros: {other} in the setup"
+        there_are = RosGraph(self.link).topics_of("/".join(JOINT_STATE)) or []
+        if elsewhere := [each for each in there_are if each != topic]:
+            return f"{found}; there are some on {listed(elsewhere)}"
+        return found
+
+    def _heard_as_other(self, topic: str) -> bool:
+        """Whether somebody publishes joint states of the other version of ROS."""
+        if self.setup.ros == 1:
+            return False  # a rosbridge of ROS 2 takes the names of ROS 1
+        heard = list[Any]()
+        self.link.subscribe(topic, "/".join(JOINT_STATE), heard.append)
+        end = time.monotonic() + self.setup.timeout_s
+        while not heard and time.monotonic() < end:
+            time.sleep(POLL_S)
+        return any(version_of(message) == 1 for message in heard)
+
+    def _unheard_controller(self) -> str:
+        """What to say, and to do, where the controller was not heard of."""
+        setup = self.setup
+        found = f"expected the state of {setup.controller}, heard nothing"
+        known = self.manager.listed()
+        if known is None:
+            return f"{found}: is it running?"
+        manager = setup.controller_manager or "/controller_manager"
+        if known.runs:
+            return f"{found}, although {manager} says that it is {known.state}: does it publish its state?"
+        return f"{found}: {manager} says that it is {known.state}; start it, or name controller_manager in the setup"
 
 
 def listed(names: Sequence[str]) -> str:

@@ -8,6 +8,7 @@ import io
 import json
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -270,3 +271,15 @@ def test_a_plan_file_is_known_by_its_format(written, tmp_path):
     (tmp_path / "c.json").write_text("no JSON")
     assert is_plan_file(written[1].with_suffix(".npz"))
     assert not any(is_plan_file(tmp_path / name) for name in ("b.json", "c.json", "none.json", "plan", "."))
+
+
+def test_a_file_of_the_format_before_is_judged_as_far_as_it_says():
+    """Written before hulls were in files, of a robot whose shanks are meshes in a folder that is gone."""
+    pytest.importorskip("pinocchio")
+    pytest.importorskip("coal")
+    path = Path(__file__).parent / "older" / "plan-2.json"
+    assert json.loads(path.read_text())["format"] == "stancekit/plan/2"
+    check = check_file(path)
+    assert check.report.contacts
+    assert check.report.bodies["verdict"] == "not checked"
+    assert check.message.endswith("a file of stancekit/plan/2, which has no hulls of its robot's meshes")

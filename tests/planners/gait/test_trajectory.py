@@ -8,6 +8,7 @@ import io
 import json
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -323,3 +324,11 @@ def test_names_that_cannot_be_written_are_refused(tmp_path, monkeypatch, name, m
     with pytest.raises(InvalidInput, match=message):
         write_trajectory(name, trajectory, check_trajectory(trajectory))
     assert os.listdir(tmp_path) == []
+
+
+def test_a_file_of_the_format_before_is_read_as_ever():
+    path = Path(__file__).parent / "older" / "gait-2.json"
+    assert json.loads(path.read_text())["format"] == "stancekit/gait/2"
+    record = read_trajectory(path)
+    assert record.verified
+    assert check_file(path).accepted

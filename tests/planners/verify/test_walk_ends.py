@@ -30,8 +30,8 @@ def test_a_foot_that_comes_down_from_before_the_file_or_leaves_it_in_the_air_is_
     walk = standing()
     contact, feet = np.array(walk.contact), np.array(walk.feet_m)
     contact[where, 0] = False
-    rise = np.linspace(0.0, 1.0, 42)[1:41]
-    feet[where, 0, 2] += 0.1 * (rise[::-1] if where.start is None else rise[: len(feet) - 60])
+    rise = np.linspace(0.0, 1.0, len(feet[where]) + 2)[1:-1]
+    feet[where, 0, 2] += 0.1 * (rise[::-1] if where.start is None else rise)
     found = {group.group for group in check_trajectory(replace(walk, contact=contact, feet_m=feet)).refused}
     assert not found & SWUNG
 

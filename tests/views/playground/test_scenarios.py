@@ -92,7 +92,7 @@ def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
     answer = quick_answer(KeysScenario.of("walls").slid("friction", 0.0))
     assert answer.status is Status.INFEASIBLE
     assert answer.plan is None
-    assert "friction everywhere would have to change from 0 by 0.3" in answer.message
+    assert "friction everywhere would have to rise from 0 to at least 0.3" in answer.message
 
 
 @pytest.mark.parametrize(

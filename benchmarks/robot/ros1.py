@@ -1,0 +1,507 @@
+"""Runs on the real ROS 1 robot that build_ros1.py builds: what is wrong with it, what stops it, and what moves after.
+
+    python benchmarks/robot/ros1.py FOLDER [--kinds faults healthy odd] [--count 3] [--only NAME …] [--tell]
+
+Every run has a fresh robot and a fresh rosbridge, and is a process with ``stancekit run --arm`` of a plan of some
+seconds. A fault comes ``AT_S`` after the robot's first motion, or before the run. Motions, and when they were, are read
+from the joints' own log, 250 times a second. Results go to FOLDER/results.jsonl, and what is there is not run again;
+--tell prints the tables alone. fastest: of all joints at all times. after: motion [rad] after the process had ended,
+which is after its report. off: of the joint farthest from the plan's end, where the exit code is 0.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import xmlrpc.client
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from _bench import ROOT
+from build_ros1 import PYTHON
+
+from stancekit.cli.main import main as command
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.urdf import Servo
+from stancekit.runner.emulators.start import start_of
+from stancekit.runner.log import read_log
+from stancekit.runner.worlds.ros.setup import same_names
+
+MASTER, PORT = 11411, 9190
+AT_S = 2.0
+LONGEST_S = 90.0
+MOVES_RAD_S = 0.02
+LEAST_RAD = 2e-3
+"""Less is the end of a lag, and no motion."""
+GOAL_RAD = 0.1
+"""How far a run may end from its plan."""
+Kind = Literal["faults", "healthy", "odd"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A set-up, and what happens to it. act: does it, and is told so after ``AT_S``; before: a node that is there from
+    the beginning; lead_s: that ``act`` is begun earlier; after_s: that is looked on at the end; setup: of the file;
+    states_hz, shuffled, namespace, rosapi, estop: of the robot; options: of the command; exits: codes that are right.
+    """
+
+    name: str
+    act: Callable[[Robot, int], None] | None = None
+    before: Sequence[str] = ()
+    node: Sequence[str] = ()
+    after_s: float = 1.0
+    setup: dict[str, Any] = field(default_factory=dict)
+    states_hz: float = 50.0
+    shuffled: bool = False
+    namespace: str = ""
+    rosapi: bool = True
+    estop: str = "regular"
+    options: Sequence[str] = ()
+    exits: tuple[int, ...] = (1,)
+
+
+class Robot:
+    """The processes of a robot in a folder, and nodes beside it."""
+
+    def __init__(self, folder: Path, master: str) -> None:
+        self.folder = folder
+        paths = f"{folder / 'py'}"
+        self.environment = os.environ | {
+            "PYTHONPATH": paths, "ROS_MASTER_URI": master, "ROS_IP": "127.0.0.1", "ROS_HOME": str(folder / "home"),
+            "ROS_LOG_DIR": str(folder / "log"), "ROS_PACKAGE_PATH": f"{folder / 'src'}:/usr/share",
+        }  # fmt: skip
+        (folder / "log").mkdir(exist_ok=True)
+        self.processes: dict[str, subprocess.Popen[str]] = {}
+
+    def start(self, name: str, *words: str) -> subprocess.Popen[str]:
+        """Start a process; its output goes to a file, but for a node's."""
+        pipe = subprocess.PIPE if words[1:] and words[1].endswith("ros_nodes.py") else None
+        with (self.folder / "log" / f"{name}.out").open("w") as output:
+            self.processes[name] = subprocess.Popen(
+                words, env=self.environment, stdin=subprocess.PIPE, stdout=pipe or output, stderr=output,
+                start_new_session=True, text=True, cwd=self.folder,
+            )  # fmt: skip
+        return self.processes[name]
+
+    def node(self, name: str, *words: str) -> None:
+        """Start a node of ``ros_nodes.py``, and wait until it is there."""
+        child = self.start(name, PYTHON, str(Path(__file__).parent / "ros_nodes.py"), *words)
+        assert child.stdout is not None
+        assert child.stdout.readline().strip() == "ready", name
+
+    def tell(self, name: str, word: str) -> None:
+        """Give a node a line, and wait until it has done it."""
+        child = self.processes[name]
+        assert child.stdin is not None
+        assert child.stdout is not None
+        child.stdin.write(f"{word}\n")
+        child.stdin.flush()
+        child.stdout.readline()
+
+    def send(self, name: str, number: int) -> None:
+        """Send a process a signal."""
+        self.processes[name].send_signal(number)
+
+    def freeze(self, name: str, seconds: float) -> None:
+        """Let a process stand still, while this one goes on."""
+        pid = self.processes[name].pid
+        os.kill(pid, signal.SIGSTOP)
+        subprocess.Popen(["sh", "-c", f"sleep {seconds}; kill -CONT {pid}"], start_new_session=True)
+
+    def end(self, *names: str) -> None:
+        """End processes."""
+        for name in names:
+            if (child := self.processes.pop(name, None)) is not None:
+                child.kill()
+                child.wait()
+
+
+def pressed(robot: Robot, host: int) -> None:
+    """The e-stop."""
+    robot.tell("estop", "press")
+
+
+FAULTS = (
+    Case(name="Ctrl-C", act=lambda robot, host: os.kill(host, signal.SIGINT)),
+    Case(name="SIGTERM", act=lambda robot, host: os.kill(host, signal.SIGTERM)),
+    Case(name="kill -9", act=lambda robot, host: os.kill(host, signal.SIGKILL), exits=(-9,)),
+    Case(name="host stands still 1 s", act=lambda robot, host: stopped(host, 1.0)),
+    Case(name="e-stop pressed", act=pressed),
+    Case(name="e-stop node killed", act=lambda robot, host: robot.end("estop"), after_s=1.5),
+    Case(name="e-stop of nobody", setup={"estop": "/e_stopp"}, exits=(2,)),
+    Case(name="e-stop of another type", estop="int8", exits=(2,)),
+    Case(name="rosbridge killed", act=lambda robot, host: robot.send("bridge", signal.SIGKILL)),
+    Case(name="rosbridge frozen 4 s", act=lambda robot, host: robot.freeze("bridge", 4.0), after_s=6.0),
+    Case(name="rosbridge frozen 1 s", act=lambda robot, host: robot.freeze("bridge", 1.0), after_s=3.0),
+    Case(name="robot killed", act=lambda robot, host: robot.send("robot", signal.SIGKILL)),
+    Case(name="robot frozen 1 s", act=lambda robot, host: robot.freeze("robot", 1.0), after_s=3.0),
+    Case(name="joint stuck", node=("stuck", "9"), exits=(0, 1)),
+    Case(name="zeros from the beginning", before=("states", "zeros", "25", "60"), exits=(2,)),
+    Case(name="zeros", node=("states", "zeros", "25", "6")),
+    Case(name="shifted by 0.2 rad", node=("states", "shifted", "30", "6")),
+    Case(name="NaN", node=("states", "nan", "30", "6")),
+    Case(name="another client's goal", node=("goal", "0.2"), after_s=4.0, exits=(0, 1)),
+    Case(name="another client's stream", node=("commands", "2"), exits=(0, 1), after_s=2.0),
+    Case(name="controller switched off", node=("switch",)),
+    Case(name="ROS 2 in the setup", setup={"ros": 2}, exits=(2,)),
+)  # fmt: skip
+HEALTHY = (Case(name="healthy", exits=(0,)),)
+ODD = (
+    Case(name="states at 10 Hz", states_hz=10.0, exits=(0,)),
+    Case(name="names shuffled", shuffled=True, exits=(0,)),
+    Case(name="wheels beside it", before=("states", "wheels", "30", "120"), exits=(0,)),
+    Case(name="e-stop says something when pressed alone", estop="quiet", exits=(0,)),
+    Case(name="stamps of 0", before=("relay", "unstamped", "/states"), setup={"joint_states": "/states"}, exits=(0,)),
+    Case(name="clock 2 s off", before=("relay", "old", "/states"), setup={"joint_states": "/states"}, exits=(0,)),
+    Case(
+        name="a namespace", namespace="/robot1", exits=(0,),
+        setup={"joint_states": "/robot1/joint_states", "controller": "/robot1/joint_trajectory_controller"},
+    ),
+    Case(name="no rosapi", rosapi=False, exits=(0,)),
+)  # fmt: skip
+CASES: dict[Kind, tuple[Case, ...]] = {"faults": FAULTS, "healthy": HEALTHY, "odd": ODD}
+
+
+@dataclass
+class Arguments:
+    """Options of the script."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """What build_ros1.py built."""
+    kinds: tuple[Kind, ...] = ("faults", "healthy", "odd")
+    count: int = 3
+    """Runs per case."""
+    only: tuple[str, ...] = ()
+    """Names of cases; all where none is named."""
+    tell: bool = False
+    """Print what is there, and run nothing."""
+    rate_hz: float = 50.0
+    """Commands, joint states and states of the controller per second; a busy machine wants fewer."""
+
+
+def main(arguments: Arguments) -> None:
+    """Run what is not there yet, and print the tables."""
+    folder = arguments.folder.resolve()
+    results = folder / "results.jsonl"
+    done = (
+        [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    )
+    if not arguments.tell:
+        plan = planned(folder)
+        with ExitStack() as stack:
+            robot = Robot(folder, f"http://127.0.0.1:{MASTER}")
+            stack.callback(lambda: robot.end(*list(robot.processes)))
+            robot.start("master", PYTHON, "/usr/bin/rosmaster", "--core", "-p", str(MASTER))
+            opened(MASTER)
+            for index in range(arguments.count):
+                for case in [case for kind in arguments.kinds for case in CASES[kind]]:
+                    wanted = not arguments.only or case.name in arguments.only
+                    if not wanted or any(
+                        (row["case"], row["index"]) == (case.name, index) for row in done
+                    ):
+                        continue
+                    row = tried(robot, case, plan, arguments.rate_hz) | {
+                        "index": index,
+                        "load": os.getloadavg()[0],
+                    }
+                    done.append(row)
+                    with results.open("a") as file:
+                        file.write(json.dumps(row) + "\n")
+                    print(json.dumps(row), flush=True)
+    for kind in arguments.kinds:
+        print(table(CASES[kind], done))
+
+
+def planned(folder: Path) -> Path:
+    """A short plan of the page's robot, made once."""
+    plan = folder / "desk.json"
+    if not plan.exists():
+        page = (ROOT / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
+        found = re.search(r"<!-- file: desk.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL)
+        assert found is not None
+        course = (
+            found[1].replace("frames: 6", "frames: 3").replace("goal_m: [0.10,", "goal_m: [0.04,")
+        )
+        (folder / "desk.yaml").write_text(course)
+        assert (
+            ended(forked(["plan", str(folder / "desk.yaml"), "--out", str(plan)], folder / "plan"))
+            == 0
+        )
+    return plan
+
+
+def tried(robot: Robot, case: Case, plan: Path, rate_hz: float) -> dict[str, Any]:
+    """One run, with a fresh robot and a fresh rosbridge."""
+    names, start = start_of(plan)
+    order = (
+        np.random.default_rng(3).permutation(len(names)) if case.shuffled else np.arange(len(names))
+    )
+    robot.end(*(robot.processes.keys() - {"master", "rosapi", "estop"}))
+    motions = robot.folder / "motions.txt"
+    motions.unlink(missing_ok=True)
+    describe(case, [names[k] for k in order], start[order], motions, rate_hz)
+    robot.start("robot", str(robot.folder / "robot_hw"), f"__ns:={case.namespace or '/'}")
+    robot.start(
+        "bridge", PYTHON, "rosbridge_websocket.py", "--address", "127.0.0.1", "--port", str(PORT)
+    )
+    if case.rosapi and "rosapi" not in robot.processes:
+        robot.start("rosapi", PYTHON, "rosapi_node")
+    if not case.rosapi:
+        robot.end("rosapi")
+    if (
+        "estop" not in robot.processes
+        or case.estop != "regular"
+        or robot.processes["estop"].poll() is not None
+    ):
+        robot.end("estop")
+        robot.node("estop", "estop", case.estop)
+    robot.tell("estop", "release") if case.estop == "regular" else None
+    opened(PORT)
+    grown(motions)
+    time.sleep(1.0)
+    if case.before:
+        robot.node("before", *case.before)
+    if case.node and case.node[0] != "states":
+        robot.node("node", *case.node)
+    folder = robot.folder / "run"
+    folder.mkdir(exist_ok=True)
+    settings = {"ros": 1, "port": PORT, "estop": "/e_stop"} | case.setup
+    same_names(names, **settings).write(folder / "ros.yaml")
+    (folder / "run.mcap").unlink(missing_ok=True)
+    words = ["run", str(plan), "--world", "ros", "--arm", "--rate-hz", str(rate_hz)]
+    words += ["--setup", str(folder / "ros.yaml")]
+    began_s = time.time()
+    host = forked([*words, "--log", str(folder / "run.mcap"), *case.options], folder / "run")
+    acted_s = acted(robot, case, host, motions)
+    code, over_s = ended(host), time.time()
+    time.sleep(case.after_s)
+    if case.estop != "regular":
+        robot.end("estop")
+    return judged(case, code, (began_s, acted_s, over_s), motions, order, folder)
+
+
+def describe(case: Case, names: Sequence[str], start: Array, motions: Path, rate_hz: float) -> None:
+    """The robot's parameters, at the master."""
+    master = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{MASTER}")
+    limit = "<limit lower='-3' upper='3' effort='10' velocity='10'/>"
+    joints = "".join(
+        f"<link name='l{k}'/><joint name='{name}' type='revolute'><parent link='base'/><child link='l{k}'/>"
+        f"<axis xyz='0 0 1'/>{limit}</joint>" for k, name in enumerate(names)
+    )  # fmt: skip
+    space = case.namespace
+    constraints = {"goal_time": 0.6, "stopped_velocity_tolerance": 0.05}
+    tolerances = {name: {"trajectory": 0.5, "goal": 0.1} for name in names}
+    for key, value in {
+        "/robot_description": f"<robot name='r'><link name='base'/>{joints}</robot>",
+        f"{space}/hw": {"joints": list(names), "start": start.tolist(), "log": str(motions), "rate_hz": 5.0 * rate_hz},
+        f"{space}/joint_state_controller": {
+            "type": "joint_state_controller/JointStateController", "publish_rate": min(case.states_hz, rate_hz),
+        },
+        f"{space}/joint_trajectory_controller": {
+            "type": "position_controllers/JointTrajectoryController", "joints": list(names),
+            "state_publish_rate": rate_hz, "constraints": constraints | tolerances,
+        },
+    }.items():  # fmt: skip
+        master.setParam("/ros1.py", key, value)  # type: ignore[arg-type]
+
+
+def acted(robot: Robot, case: Case, host: int, motions: Path) -> float | None:
+    """Let the fault happen; when it did, None where the run ended before."""
+    first_s = None
+    with motions.open() as log:
+        log.seek(0, os.SEEK_END)
+        while first_s is None and running(host):
+            time.sleep(0.05)
+            heads = [line.split(" ", 2)[:2] for line in log.readlines()]
+            moved = [head[0] for head in heads if len(head) == 2 and float(head[1]) > MOVES_RAD_S]
+            first_s = float(moved[0]) if moved else None
+    if first_s is None or not (case.act or case.node):
+        return first_s
+    while time.time() < first_s + AT_S and running(host):
+        time.sleep(0.005)
+    acted_s = time.time()
+    if case.act is not None:
+        case.act(robot, host)
+    elif case.node[0] == "states":
+        robot.node("node", *case.node)
+        acted_s = time.time()
+    else:
+        robot.tell("node", "now")
+    return acted_s
+
+
+def judged(
+    case: Case,
+    code: int,
+    times_s: tuple[float, float | None, float],
+    motions: Path,
+    order: Array,
+    folder: Path,
+) -> dict[str, Any]:
+    """What came of it, by the joints' own log."""
+    began_s, acted_s, over_s = times_s
+    seen = rows(motions)
+    errors, output = ((folder / f"run.{name}").read_text() for name in ("err", "out"))
+    said = " ".join(f"{errors} {output}".split())
+    ours = seen[seen[:, 0] > began_s]
+    after = ours[ours[:, 0] > over_s]
+    moved = 0.0 if len(after) < 2 else float(np.ptp(after[:, 2:], axis=0).max())
+    still = ours[ours[:, 1] > MOVES_RAD_S]
+    off = None
+    if code == 0:
+        sent = [entry["planned_rad"] for entry in read_log(folder / "run.mcap").of("command")]
+        off = float(np.abs(np.asarray(sent[-1])[order] - ours[-1, 2:]).max())
+    fault = case.act is not None or bool(case.node)
+    return {
+        "case": case.name, "exit": code, "right": code in case.exits, "fastest": float(ours[:, 1].max()),
+        "stopped_s": over_s - acted_s if fault and acted_s is not None else None,
+        "still_s": float(still[-1, 0]) - acted_s if fault and acted_s is not None and len(still) else None,
+        "moved": bool(len(still)), "after": moved, "said": any(word in said for word in ("may still", "still moves")),
+        "off": off, "message": why(errors, output),
+    }  # fmt: skip
+
+
+def why(errors: str, output: str) -> str:
+    """The line that says what happened."""
+    lines = [line for line in errors.splitlines() if line.startswith("stancekit:")]
+    verdict = re.search(r"verdict +(.*?)\n +robot left +(.*?)\n +motion", output, re.DOTALL)
+    told = " | left ".join(" ".join(part.split()) for part in verdict.groups()) if verdict else ""
+    return "; ".join([*lines, told])[:400]
+
+
+def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
+    """One line per case."""
+    lines = [
+        "| case | runs | exit | fastest [rad/s] | at rest after [s] | moved after [rad] | off [rad] | says |"
+    ]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    for case in cases:
+        found = [row for row in done if row["case"] == case.name]
+        if not found:
+            continue
+        codes = [row["exit"] for row in found]
+        exits = ", ".join(f"{codes.count(code)} × {code}" for code in sorted(set(codes)))
+        still = [max(row["still_s"], 0.0) for row in found if row["still_s"] is not None]
+        off = [row["off"] for row in found if row["off"] is not None]
+        silent = [row["after"] for row in found if not row["said"] and row["exit"] >= 0]
+        columns = (
+            case.name, len(found), exits, f"{max(row['fastest'] for row in found):.2f}",
+            f"{max(still):.2f}" if still else "", f"{max(silent, default=0.0):.3f}", f"{max(off):.3f}" if off else "",
+            found[0]["message"][:160].replace("|", "/"),
+        )  # fmt: skip
+        lines.append(f"| {' | '.join(map(str, columns))} |")
+    ours = [row for row in done if row["case"] in {case.name for case in cases}]
+    limit = Servo().velocity_rad_s
+    quiet = [
+        row for row in ours if not row["said"] and row["exit"] >= 0 and row["case"] not in FOREIGN
+    ]
+    bad = {
+        f"faster than {limit:g} rad/s": sum(row["fastest"] > limit for row in ours),
+        "moved after a report that does not say so": sum(row["after"] > LEAST_RAD for row in quiet),
+        f"exit 0 more than {GOAL_RAD:g} rad off": sum(
+            (row["off"] or 0.0) > GOAL_RAD for row in ours
+        ),
+        "another exit code than expected": sum(not row["right"] for row in ours),
+    }
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"{len(ours)} runs: " + "; ".join(f"{count} {what}" for what, count in bad.items()),
+        ]
+    )
+
+
+FOREIGN = {"another client's goal", "another client's stream"}
+"""Where somebody else goes on moving the robot."""
+
+
+def forked(words: Sequence[str], output: Path) -> int:
+    """A process with a command, begun without importing anything anew; its process id."""
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 70
+    try:
+        os.setsid()
+        for stream, name in ((1, "out"), (2, "err")):
+            os.dup2(os.open(f"{output}.{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        command(words)
+    except SystemExit as end:
+        code = int(str(end.code or 0))
+    finally:
+        sys.stdout.flush()
+        os._exit(code)
+
+
+def running(host: int) -> bool:
+    """Whether a process that was forked here goes on; it is not reaped."""
+    found = os.waitid(os.P_PID, host, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    return found is None
+
+
+def ended(host: int) -> int:
+    """The exit code of a process that was forked here, minus the signal that ended it; killed where it lasts."""
+    end = time.monotonic() + LONGEST_S
+    while running(host) and time.monotonic() < end:
+        time.sleep(0.005)
+    if running(host):
+        os.kill(host, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(host, 0)[1])
+
+
+def stopped(host: int, seconds: float) -> None:
+    """Let a process stand still."""
+    os.kill(host, signal.SIGSTOP)
+    time.sleep(seconds)
+    os.kill(host, signal.SIGCONT)
+
+
+def rows(motions: Path) -> Array:
+    """The joints' log: time, fastest, angles, shape (N, 2 + J)."""
+    text = motions.read_text().splitlines()[:-1] if motions.exists() else []
+    found = [[float(word) for word in line.split()] for line in text]
+    return (
+        np.array([row for row in found if len(row) == len(found[-1])])
+        if found
+        else np.zeros((0, 26))
+    )
+
+
+def grown(motions: Path) -> None:
+    """Wait until the joints have begun to write."""
+    end = time.monotonic() + 20.0
+    while not motions.exists() or motions.stat().st_size < 5000:
+        assert time.monotonic() < end, "the robot does not start: see its log"
+        time.sleep(0.05)
+
+
+def opened(port: int) -> None:
+    """Wait until somebody listens."""
+    end = time.monotonic() + 30.0
+    while time.monotonic() < end:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
+    raise AssertionError(f"nobody listens on {port}")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments, description=__doc__))

@@ -1,0 +1,160 @@
+"""What a joint trajectory controller says of itself: its joints, where it wants them, and where it measures them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import LARGEST, Array
+from stancekit.planners.files.validation import shown
+
+from .clock import RobotClock, stamp_of
+from .joint_states import JointStates
+from .setup import Mapping
+
+REMEMBERED_S, REMEMBERED = 1.0, 25
+"""Targets that a controller may still be on its way from: those of the last second, and at least so many."""
+FOREIGN_RAD, FOREIGN = 0.05, 3
+"""A controller that wants a joint so far from all of them, so many times in a row, follows somebody else."""
+APART_RAD, APART_S, APART = 0.05, 0.1, 5
+"""Two measurements of a joint may differ by so much, and by what it turns in this time; not so often."""
+FORGIVEN = 0.2
+"""One that does not differ makes up for so many that do: every other one may be nonsense."""
+BUSY_RAD_S = 0.02
+
+
+class ControllerState:
+    """The newest state of a controller, in the robot's order of joints and as ROS counts; written by one thread.
+
+    names: its joints, empty before the first message. clock: the one that it judges commands by.
+    """
+
+    def __init__(self, mapping: Mapping, joints: Sequence[str], states: JointStates) -> None:
+        self.names: tuple[str, ...] = ()
+        self.clock = RobotClock()
+        self._mapping, self._joints, self._states = mapping, tuple(joints), states
+        self._lock = threading.Lock()
+        self._heard_s = -np.inf
+        self._desired: Array | None = None
+        self._actual: Array | None = None
+        self._speed, self._wanted = np.zeros(len(joints)), np.zeros(len(joints))
+        self._sent: deque[tuple[float, Array]] = deque()
+        self._foreign = self._apart = np.zeros(len(joints))
+        self._differ = np.zeros((2, len(joints)))
+
+    def take(self, message: Any) -> None:
+        """A control_msgs/JointTrajectoryControllerState of any version. Raises InvalidInput for nonsense."""
+        names = message.get("joint_names") if isinstance(message, dict) else None
+        if not isinstance(names, list):
+            raise InvalidInput(f"expected joint_names to be a list, got {shown(names, 40)}")
+        now = time.monotonic()
+        heard_s = self.clock.take(stamp_of(message), now)
+        names = [str(name) for name in names]
+        desired = _point(message, names, self._mapping, "desired", "reference")
+        actual = _point(message, names, self._mapping, "actual", "feedback")
+        with self._lock:
+            self.names, self._heard_s = tuple(names), heard_s
+            self._desired, self._actual = desired[0], actual[0]
+            self._speed = np.abs(actual[1])
+            self._wanted = np.abs(np.nan_to_num(desired[1]))
+            self._foreign = np.where(self._foreign_now(), self._foreign + 1.0, 0.0)
+            self._compare(heard_s)
+
+    def heard_s(self) -> float:
+        """When the newest state was measured, ``time.monotonic``; -inf for never."""
+        return self._heard_s
+
+    def forget(self) -> None:
+        """Whatever it wants from now on is nobody else's, until the next target is sent."""
+        with self._lock:
+            self._sent.clear()
+            self._foreign = np.zeros(len(self._joints))
+
+    def sent(self, positions: Array) -> None:
+        """Note a target that is sent, shape (J,) as ROS counts; the first one is gone to from where it is now."""
+        now = time.monotonic()
+        with self._lock:
+            if not self._sent and self._desired is not None:
+                self._sent.append((now, self._desired))
+            self._sent.append((now, positions))
+            while len(self._sent) > REMEMBERED and self._sent[0][0] < now - REMEMBERED_S:
+                self._sent.popleft()
+
+    def trouble(self) -> str | None:
+        """Whether it follows somebody else, or measures joints elsewhere than they are told; None for neither."""
+        with self._lock:
+            if self._foreign.max() >= FOREIGN and self._desired is not None:
+                index = int(np.argmax(self._foreign))
+                return (
+                    f"{self._joints[index]}: the controller wants {self._desired[index]:.3f} rad, which was not sent: "
+                    "another client?"
+                )
+            if self._apart.max() >= APART:
+                index = int(np.argmax(self._apart))
+                told, measured = self._differ[:, index]
+                return (
+                    f"{self._joints[index]}: joint states say {told:.3f} rad, while its controller measures "
+                    f"{measured:.3f}: two publishers?"
+                )
+        return None
+
+    def busy(self) -> str | None:
+        """Why nobody should send it anything now: it moves joints already. None where it does not."""
+        with self._lock:
+            index = int(np.argmax(self._wanted))
+            if self._wanted[index] <= BUSY_RAD_S:
+                return None
+            return f"{self._joints[index]}: the controller turns it by {self._wanted[index]:.2f} rad/s: another client?"
+
+    def _foreign_now(self) -> Array:
+        """Which joints it wants where nobody here sent them, shape (J,)."""
+        if not self._sent or self._desired is None:
+            return np.zeros(len(self._joints), dtype=bool)
+        sent = np.array([positions for _, positions in self._sent])
+        low, high = sent.min(axis=0) - FOREIGN_RAD, sent.max(axis=0) + FOREIGN_RAD
+        return np.asarray((self._desired < low) | (self._desired > high))
+
+    def _compare(self, heard_s: float) -> None:
+        """Hold its measurement against what joint states say."""
+        if self._actual is None:
+            return
+        told, rates, seen_s = self._states.as_told()
+        speed = np.nan_to_num(np.maximum(np.abs(rates), self._speed), nan=np.inf)
+        between_s = np.where(np.isfinite(seen_s), np.abs(heard_s - seen_s), np.inf)
+        with np.errstate(invalid="ignore"):
+            allowed = np.nan_to_num(APART_RAD + (APART_S + between_s) * speed, nan=APART_RAD)
+        off = np.abs(told - self._actual) > allowed
+        off &= np.isfinite(seen_s)
+        worse = off & (self._apart + 1.0 >= APART)
+        self._differ[:, worse] = np.stack([told, self._actual])[:, worse]
+        self._apart = np.where(off, self._apart + 1.0, np.maximum(self._apart - FORGIVEN, 0.0))
+
+
+def _point(
+    message: Any, names: list[str], mapping: Mapping, *keys: str
+) -> tuple[Array | None, Array]:
+    """Positions and velocities of one of these points in the robot's order; None, and NaN, where it has none."""
+    unknown = np.full(len(mapping.names), np.nan)
+    point = next((message[key] for key in keys if isinstance(message.get(key), dict)), {})
+    rows = [point.get(key) for key in ("positions", "velocities")]
+    if sorted(names) != sorted(mapping.names):
+        return None, unknown
+    order = [names.index(name) for name in mapping.names]
+    found = [
+        np.array([_finite(values[k]) for k in order])
+        if isinstance(values, list) and len(values) == len(names)
+        else unknown
+        for values in rows
+    ]
+    return (found[0] if np.isfinite(found[0]).all() else None), found[1]
+
+
+def _finite(value: Any) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if number and abs(value) <= LARGEST else float("nan")

@@ -1,0 +1,126 @@
+"""An emergency stop on a topic of std_msgs/Bool: heard, and before a robot is armed known to be heard."""
+
+from __future__ import annotations
+
+import time
+from itertools import pairwise
+from typing import Any, Literal
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.validation import shown
+
+from .bridge import RosLink
+from .graph import RosGraph
+
+EstopCheck = Literal["heard", "try", "without"]
+"""How an e-stop is known to work before a robot is armed: it, or its publisher, is there; it is pressed and released;
+or it is not asked for."""
+BOOL = "std_msgs/Bool"
+LISTEN_S = 3.0
+TRY_S, RELEASED_S = 60.0, 5.0
+"""So long is waited for somebody to press it; one that was not heard of for RELEASED_S since is released."""
+ASK_S = 1.0
+"""So often its publishers are asked for while the robot moves."""
+MISSED, REGULAR, QUIET_S = 5.0, 5, 1.0
+"""One that came REGULAR times is missed after MISSED of its periods, and not before QUIET_S."""
+POLL_S = 0.01
+
+
+class Estop:
+    """An e-stop on a topic; ``subscribe`` first. pressed: whether it was; letting go of it changes nothing."""
+
+    def __init__(self, link: RosLink, topic: str) -> None:
+        self.topic, self.pressed = topic, False
+        self._link, self._graph = link, RosGraph(link)
+        self._times: list[float] = []
+        self._now: bool | None = None
+        self._trying = self._watched = False
+        self._publishers: list[list[str]] = []
+        self._asked_s = -float("inf")
+
+    def subscribe(self, kind: str) -> None:
+        """Listen. kind: the type of the topic, as this ROS names it."""
+        self._link.subscribe(self.topic, kind, self._take)
+
+    def confirm(self, how: EstopCheck) -> str:
+        """See that it would be heard; what is known of it. Raises InvalidInput where that is too little."""
+        if self.pressed:
+            raise InvalidInput(f"e-stop pressed on {self.topic}")
+        if how == "without":
+            return f"e-stop {self.topic}: not asked for"
+        if how == "try":
+            return self._tried()
+        publishers = self._graph.publishers(self.topic)
+        kind = self._graph.type_of(self.topic) if publishers else None
+        end = time.monotonic() + (0.0 if publishers and kind == BOOL else LISTEN_S)
+        while not self._times and time.monotonic() < end and self._link.trouble() is None:
+            time.sleep(POLL_S)
+        if self.pressed:
+            raise InvalidInput(f"e-stop pressed on {self.topic}")
+        if publishers and (kind == BOOL or self._times):
+            self._watched = True
+            return f"e-stop {self.topic}: published by {', '.join(publishers)}"
+        if self._times:
+            return f"e-stop {self.topic}: heard"
+        raise InvalidInput(f"e-stop {self.topic}: {self._missing(publishers, kind)}")
+
+    def lost(self) -> str | None:
+        """Why it would not be heard any more, None where nothing is known against it."""
+        now = time.monotonic()
+        if self._watched and now - self._asked_s > ASK_S:
+            self._asked_s = now
+            self._graph.watch_publishers(self.topic, self._publishers)
+        if self._watched and self._publishers and not self._publishers[-1]:
+            return f"e-stop {self.topic}: nobody publishes it any more"
+        times = self._times
+        if len(times) > REGULAR:
+            period_s = max(b - a for a, b in pairwise(times))
+            if (quiet_s := now - times[-1]) > max(MISSED * period_s, QUIET_S):
+                return f"e-stop {self.topic}: not heard for {quiet_s:.1f} s, it came every {period_s:.2f} s"
+        return None
+
+    def _tried(self) -> str:
+        """Wait until it was pressed and released."""
+        self._trying, end = True, time.monotonic() + TRY_S
+        try:
+            while self._now is not True:
+                self._wait("pressed", end)
+            while self._now is not False and time.monotonic() < self._times[-1] + RELEASED_S:
+                self._wait("released", end)
+        finally:
+            self._trying = False
+        self._watched = bool(self._graph.publishers(self.topic))
+        return f"e-stop {self.topic}: pressed and released"
+
+    def _wait(self, what: str, end_s: float) -> None:
+        if time.monotonic() > end_s:
+            raise InvalidInput(f"e-stop {self.topic}: expected it to be {what} within {TRY_S:g} s")
+        if (trouble := self._link.trouble()) is not None:
+            raise InvalidInput(trouble)
+        time.sleep(POLL_S)
+
+    def _missing(self, publishers: list[str] | None, kind: str | None) -> str:
+        """What is wrong with it, and what can be done."""
+        there = self._graph.topics_of(BOOL)
+        found = f"; of {BOOL} there are {', '.join(sorted(there)[:5])}" if there else ""
+        if publishers and kind:
+            return f"expected {BOOL}, it is {kind}{found}"
+        why = (
+            "nobody publishes it"
+            if publishers == []
+            else "nothing heard, and no rosapi to ask who publishes it"
+        )
+        others = [each for each in there or [] if each != self.topic]
+        found = f"; topics of {BOOL}: {', '.join(sorted(others)[:5])}" if others else ""
+        return (
+            f"{why}{found}; press and release it with --try-estop, or do without: --without-estop"
+        )
+
+    def _take(self, message: Any) -> None:
+        pressed = message.get("data") if isinstance(message, dict) else None
+        if not isinstance(pressed, bool):
+            raise InvalidInput(f"expected data to be true or false, got {shown(pressed, 40)}")
+        self._times = [*self._times[-2 * REGULAR :], time.monotonic()]
+        self._now = pressed
+        if not self._trying:
+            self.pressed = self.pressed or pressed

@@ -1,0 +1,113 @@
+"""Every extra that is missing: the commands that need it name it in one line, with the command that installs it."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import stancekit
+from stancekit.configs import config_path
+from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.worlds.dynamixel.calibration import nominal
+
+ROOT = Path(__file__).parents[2]
+TOOLS = {"dev", "docs"}
+"""Extras for working on the package, which no command needs."""
+LIBRARY = {"moreau", "evo"}
+"""Extras of the library alone; their modules have tests of their own."""
+CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "exact": (
+        ("pyscipopt", "gurobipy"),
+        ("plan stairs --planner micp --solver scip", "plan stairs --planner micp --solver gurobi"),
+    ),
+    "rl": (
+        ("torch", "stable_baselines3", "safetensors"),
+        ("train task.yaml", "proposers wall-3 --out net.safetensors", "fit rows --method neural --out nn.safetensors"),
+    ),
+    "ray": (("ray",), ("label wall-3 new --executor ray --feasible 1 --infeasible 1",)),
+    "datasets": (
+        ("pyarrow", "minari"),
+        ("label wall-3 new --feasible 1 --infeasible 1", "fit rows --out e.json", "export rows minari"),
+    ),
+    "kin": (
+        ("pinocchio",),
+        ("robot ant.urdf", "plan stairs --robot ant.urdf", "gait ripple --goal 1,0 --robot ant.urdf",
+         "sample wall-3 --robot ant.urdf", "simulate climb.json", "demo"),
+    ),
+    "bullet": (("pybullet",), ("simulate climb.json --world bullet",)),
+    "mujoco": (("mujoco",), ("simulate climb.json", "demo")),
+    "terrain": (
+        ("trimesh", "shapely", "pypcd4", "PIL"),
+        ("terrain stones.obj", "plan stones.obj --start 0,0 --goal 1,0", "gait stones.obj --goal 1,0",
+         "terrain cloud.pcd", "sample terrain-3 --terrain stones.obj"),
+    ),
+    "viz": (("viser",), ("play walls --no-browser --port 0", "plan stairs --html page.html", "demo")),
+    "film": (("imageio_ffmpeg",), ("plan stairs --video film.mp4", "simulate climb.json --video film.mp4")),
+    "robots": ((), ("robot go1", "plan stairs --robot go1", "gait ripple --goal 1,0 --robot go1")),
+    "dynamixel": (("dynamixel_sdk",), ("run climb.json --world dynamixel --setup servos.yaml",)),
+    "ros": (("roslibpy",), ("run climb.json --world ros --setup ros.yaml",)),
+    "log": (("mcap",), ("run climb.json --log run.mcap", "replay run.mcap")),
+}  # fmt: skip
+"""By extra: the modules that are hidden, and commands that need one of them."""
+HIDDEN = """
+import sys
+from importlib.machinery import PathFinder
+from importlib.metadata import MetadataPathFinder
+
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        return None if name.split(".")[0] in {hidden} else PathFinder.find_spec(name, path, target)
+
+    def find_distributions(self, context):
+        found = MetadataPathFinder.find_distributions(context)
+        return (each for each in found if each.metadata["Name"] != "example-robot-data")
+
+sys.meta_path[:] = [each for each in sys.meta_path if each is not PathFinder] + [Without()]
+from stancekit.cli.main import main
+for line in sys.argv[1:]:
+    try:
+        main(line.split())
+    except SystemExit as end:
+        print(f"code {{end.code}}", file=sys.stderr)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files that the commands read."""
+    folder = tmp_path_factory.mktemp("extras")
+    for name in ("ant.urdf", "ant.yaml", "stones.obj"):
+        (folder / name).write_bytes(config_path(f"demo/{name}").read_bytes())
+    plan = stancekit.plan("stairs", frames=2).plan
+    assert plan is not None
+    stancekit.save(plan, folder / "climb.json")
+    stancekit.label("wall-3", folder / "rows", feasible=1, infeasible=1)
+    joints = joint_names(plan.course.robot)
+    nominal(joints, port="/dev/null").write(folder / "servos.yaml")
+    names = "\n".join(f"  {name}: {{name: {name}}}" for name in joints)
+    (folder / "ros.yaml").write_text(f"format: stancekit/ros/1\nrobot: hexapod\njoints:\n{names}\n")
+    (folder / "task.yaml").write_bytes(config_path("train-selection.yaml").read_bytes())
+    (folder / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
+    (folder / "cloud.pcd").write_text("# .PCD v0.7\n")
+    return folder
+
+
+def test_every_extra_has_its_commands() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert set(CASES) | LIBRARY == set(extras) - TOOLS
+
+
+@pytest.mark.parametrize("extra", CASES)
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(extra: str, folder: Path) -> None:
+    hidden, lines = CASES[extra]
+    code = HIDDEN.format(hidden=set(hidden) or "()")
+    ran = subprocess.run(
+        [sys.executable, "-c", code, *lines], cwd=folder, capture_output=True, text=True, check=False, timeout=600
+    )
+    ends = [line for line in ran.stderr.splitlines() if line.startswith(("stancekit: ", "code "))]
+    assert len(ends) == 2 * len(lines), ran.stderr
+    for line, message, code in zip(lines, ends[::2], ends[1::2], strict=True):
+        assert code == "code 2", (line, message)
+        assert f"pip install 'stancekit[{extra}]'" in message, (line, message)
