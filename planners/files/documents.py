@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import errno
 import json
+import os
+import stat
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.parsers.expat import ExpatError, ParserCreate
@@ -31,23 +35,42 @@ DEEPEST = 60
 MOST_ELEMENTS = 1_000_000
 """Elements and attributes of an XML document."""
 
+NO_FILE = "a pipe, a socket or a device"
+
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
-    """Return a file's bytes, ``most`` at most. Raises InvalidInput for a file that is missing, no file or larger."""
+@contextmanager
+def open_file(path: str | Path) -> Iterator[IO[bytes]]:
+    """A file, open to be read. Raises InvalidInput for what is missing, cannot be read or is no file: a folder, or a
+    pipe or a device, which might be waited for."""
     path = Path(path)
     try:
-        with open(path, "rb") as stream:
-            content = stream.read(most + 1)
-    except IsADirectoryError:
-        raise InvalidInput(f"{path}: expected a file, found a folder") from None
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except ValueError:  # a name that no file can have
         raise InvalidInput(f"{shown(str(path))}: expected a file, found nothing there") from None
     except OSError as error:
         if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG):
             raise InvalidInput(f"{path}: expected a file, found nothing there") from None
+        if error.errno == errno.ENXIO:
+            raise InvalidInput(f"{path}: expected a file, found {NO_FILE}") from None
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
+    mode = os.fstat(number).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(number)
+        found = "a folder" if stat.S_ISDIR(mode) else NO_FILE
+        raise InvalidInput(f"{path}: expected a file, found {found}")
+    with os.fdopen(number, "rb") as stream:
+        yield stream
+
+
+def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
+    """Return a file's bytes, ``most`` at most. Raises InvalidInput as ``open_file`` does, and for a larger file."""
+    with open_file(path) as stream:
+        try:
+            content = stream.read(most + 1)
+        except OSError as error:
+            raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
     if len(content) > most:
         raise InvalidInput(f"{path}: expected a file of {most} bytes or fewer, got more")
     return content

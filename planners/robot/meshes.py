@@ -15,8 +15,9 @@ from ..errors import InvalidInput
 from ..files.archive import read_archive
 from ..files.arrays import Array, read_only
 from ..files.cache import cache_folder
+from ..files.documents import read_bytes
 from ..files.writing import write_bytes
-from ..terrain.mesh_file import read_corners
+from ..terrain.mesh_file import MOST_BYTES, read_corners
 
 VERSION = "mesh/2"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
@@ -34,12 +35,9 @@ class Triangles:
     faces: Any
 
 
-def read_mesh(path: Path, scale: Array) -> Triangles | None:
-    """All of a mesh's file at a scale, each corner once; None where it cannot be had."""
-    try:
-        corners, faces = read_corners(path)
-    except InvalidInput:
-        return None
+def read_mesh(path: Path, scale: Array) -> Triangles:
+    """All of a mesh's file at a scale, each corner once. Raises InvalidInput as ``read_corners`` does."""
+    corners, faces = read_corners(path)
     first, number = _different(corners)
     return Triangles(vertices_m=corners[first] * scale, faces=number[faces])
 
@@ -66,11 +64,13 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
     cached: False reads the file and keeps nothing.
     """
     if not cached:
-        whole = read_mesh(path, scale)
-        return None if whole is None or not len(whole.faces) else faced_outward(thinned(whole, most))
+        try:
+            return faced_outward(thinned(read_mesh(path, scale), most))
+        except InvalidInput:
+            return None
     try:
-        said = f"{VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + path.read_bytes()
-    except OSError:
+        said = f"{VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + read_bytes(path, MOST_BYTES)
+    except InvalidInput:
         return None
     kept = cache_folder() / "meshes" / f"{hashlib.sha256(said).hexdigest()}.npz"
     with suppress(InvalidInput, KeyError, ValueError):

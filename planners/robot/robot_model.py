@@ -216,7 +216,7 @@ def model_of(
     model = built(text, where)
     try:
         shapes, missing = shapes_of(root, folder, packages)
-        shapes = with_hulls(shapes) if hulls is None else with_known_hulls(shapes, hulls)
+        shapes, broken = with_hulls(shapes) if hulls is None else (with_known_hulls(shapes, hulls), [])
         order = [joint.get("name", "") for joint in root.findall("joint")]
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
         found = legs_of(model, shapes, order, named, contacts)
@@ -236,7 +236,7 @@ def model_of(
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     doubts = [*found.doubts, *_torque_doubts(legs, body), *leg_doubts(legs)]
-    doubts += [(f"mesh {each}", _not_there(each)) for each in missing]
+    doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
     doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
     mounts = _mounts(model, legs, rest)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]

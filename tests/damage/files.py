@@ -152,7 +152,7 @@ def _robots(folder: Path) -> None:
     state = f'<group_state name="home">{angles}</group_state>'
     (folder / "robot.srdf").write_text(f'<robot name="hexapod">{state}{pair}</robot>')
     measured = {
-        "urdf": "robot.urdf", "feet": [f"{name}_foot" for name in ("LF", "RM", "LR")],
+        "urdf": "robot.urdf", "feet": [f"{name}_foot" for name in ("LF", "RF", "LR", "RR")],
         "steps": 5, "voxel_m": 0.06, "ranges_rad": [[1.0, 1.0]] * 4,
         "posture_rad": [0.0, 0.5, 0.0, 1.2] * 6,
         "trunk_half_m": [0.1, 0.1, 0.05], "name": "measured",
