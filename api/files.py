@@ -127,7 +127,7 @@ def save(
 
 
 def _read(path: Path) -> Any:
-    if path.is_dir():
+    if _is_folder(path):
         return Dataset.open(path)
     if not path.exists() and (str(path) in (*builtin_courses(), *builtin_scenes()) or family_name(str(path))):
         return read_course(path)
@@ -166,3 +166,11 @@ def _only(problems: list[PostureProblem], path: Path) -> PostureProblem:
     if len(problems) != 1:
         raise InvalidInput(f"{path}: expected one problem, got {len(problems)}")
     return problems[0]
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether a folder has this name; no name that no file can have does."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False

@@ -12,6 +12,7 @@ from stancekit.planners.answer.outcome import Outcome
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.projection.project import Projection
@@ -20,6 +21,9 @@ from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import PlannerOptions, Solver, make_planner
 
 MADE = "a planner that was made before"
+
+MOST_PROBLEMS = 1_000_000
+"""Problems drawn into memory at once."""
 
 
 @checked
@@ -45,7 +49,7 @@ def sample(
     Returns:
         ``count`` independent problems.
     Raises:
-        InvalidInput: for a name that there is not, or a count below 1.
+        InvalidInput: for a name that there is not, or a count below 1 or above a million.
     Source:
         Paper E §IV-A, G(θ).
     Example:
@@ -54,8 +58,7 @@ def sample(
         >>> first.legs
         ('RF', 'RR', 'LM')
     """
-    if count < 1:
-        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    checked_int(count, "count", least=1, most=MOST_PROBLEMS)
     from stancekit.envs.distributions.postures import distribution_of  # loads Gymnasium
 
     source = distribution_of(problems, robot=robot, terrain=terrain)

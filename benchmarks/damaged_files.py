@@ -3,7 +3,8 @@
 ``python benchmarks/damaged_files.py --in-process 1500 --processes 80 --out out/damage``. A file is right to be taken as
 ``tests/damage/cases.py`` says: 0 where it still means the same or is valid, 1 where its content parses and the verifier
 refuses it, 2 for everything else; one line, no traceback, no more than 10 s of a processor and 1 GB.
-What was wrong is kept.
+What was wrong is kept. A row of a reader that is in the folder already is not measured again, so that a run that was
+ended goes on where it was.
 """
 
 from __future__ import annotations
@@ -140,21 +141,25 @@ def table(given: Arguments) -> None:
     folder = out / "files"
     folder.mkdir(parents=True, exist_ok=True)
     os.chdir(folder)
-    if not (folder / "terrain.glb").exists():
+    if not (folder / "foot-dae.urdf").exists():
         make_files(folder)
     every = [case for case in cases() if not given.only or case.name in given.only]
     for case in every if given.in_process else ():
         whole = Path(case.file).read_bytes()
-        child = os.fork()
-        if child == 0:
-            in_process(case, given.in_process, given.seed, out)
-            os._exit(0)
-        _, status = os.waitpid(child, 0)
-        Path(case.file).write_bytes(whole)
         row = out / f"{case.name.replace(' ', '-')}.json"
-        print(row.read_text() if status == 0 else f"{case.name}: ended by {status}", flush=True)
+        if not row.exists():
+            child = os.fork()
+            if child == 0:
+                in_process(case, given.in_process, given.seed, out)
+                os._exit(0)
+            _, status = os.waitpid(child, 0)
+            Path(case.file).write_bytes(whole)
+            if status:
+                given.say({"reader": case.name, "wrong": 1, "first": [f"ended by {os.waitstatus_to_exitcode(status)}"]})
+                continue
+        given.say(json.loads(row.read_text()))
     if given.processes:
-        print(json.dumps(as_processes(every, given.processes, given.seed + 1, out)), flush=True)
+        given.say(as_processes(every, given.processes, given.seed + 1, out))
 
 
 if __name__ == "__main__":

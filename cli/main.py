@@ -6,6 +6,7 @@ import io
 import os
 import sys
 import textwrap
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr
@@ -182,7 +183,7 @@ def run(verb: Verb) -> int:
     from .console import complain, results_alone
 
     try:
-        with results_alone() if getattr(verb, "json", False) else nullcontext():
+        with _without_warnings(), results_alone() if getattr(verb, "json", False) else nullcontext():
             return verb.run()
     except InvalidInput as error:
         complain(f"stancekit: error: {error}")
@@ -195,6 +196,15 @@ def run(verb: Verb) -> int:
         return 130
     except BaseException as error:
         return _ended_by(error)
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Keep what libraries warn of away from standard error, which is for one line, unless the trace is wanted."""
+    with warnings.catch_warnings():
+        if not os.environ.get(TRACE):
+            warnings.simplefilter("ignore")
+        yield
 
 
 def _ended_by(error: BaseException) -> int:

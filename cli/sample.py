@@ -15,6 +15,9 @@ from .console import emit, out, progress
 from .names import DISTRIBUTION, ROBOT, TERRAIN
 from .options import OptionalPath, OptionalText
 
+MOST = 100_000_000
+"""Problems, or scenes, of one call."""
+
 
 @dataclass
 class Sample:
@@ -52,7 +55,7 @@ class Sample:
         from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.files.writing import check_writable, write_text
 
-        checked_int(self.count, "--count", least=1)
+        checked_int(self.count, "--count", least=1, most=MOST)
         checked_int(self.seed, "--seed", least=0)
         if self.export is not None:
             return self._export(self.export)

@@ -40,7 +40,8 @@ class TerrainFile:
     unit_m: float = 1.0
     """What one unit of lengths in a file means [m]; 0.001 for millimetres."""
     up: Literal["x", "y", "z"] = "z"
-    """Which axis of a mesh or cloud points up."""
+    """Which axis of a mesh or cloud points up. With y, the file's z becomes x and its x becomes y; with x, its y
+    becomes x and its z becomes y."""
     offset_m: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y,Z")] = None
     """Added to every point, after unit and axis [m]; before a negative number the sign =, as in --offset-m=-1,0,0."""
     crop_m: Annotated[OptionalText, tyro.conf.arg(metavar="X,X,Y,Y[,Z,Z]")] = None

@@ -20,7 +20,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files import writing
-from stancekit.planners.files.documents import read_json
+from stancekit.planners.files.documents import open_file, read_json
 from stancekit.planners.files.validation import shown, validation_errors
 from stancekit.planners.files.writing import write_bytes
 
@@ -199,6 +199,8 @@ def read_tally(path: Path, header: Header) -> Tally:
     """Metadata of a shard, checked against the header. Raises InvalidInput."""
     import pyarrow.parquet as pq
 
+    with open_file(path):
+        pass
     try:
         file = pq.ParquetFile(path)
     except Exception as error:  # what Arrow's readers meet

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import decoded, parse_json
+from stancekit.planners.files.documents import decoded, open_file, parse_json
 
 from .own import is_own, own_selector
 from .selector import Learned
@@ -69,7 +69,7 @@ def _network(kind: str, path: Path) -> Learned:
 
 def _safetensors_format(path: Path) -> str | None:
     """The format that a safetensors file says it has; None for a file of another kind."""
-    with open(path, "rb") as file:
+    with open_file(path) as file:
         size = int.from_bytes(file.read(8), "little")
         if not 2 <= size <= min(path.stat().st_size, 10_000_000) or file.read(1) != b"{":
             return None

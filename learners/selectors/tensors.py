@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import parse_json
+from stancekit.planners.files.documents import open_file, parse_json
 from stancekit.planners.files.writing import write_bytes
 
 from .network import Architecture
@@ -46,11 +47,10 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
     Raises InvalidInput for what is missing, truncated, foreign or not finite.
     """
     path = Path(path)
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "nothing"
-        raise InvalidInput(f"{path}: expected a file of format {kind}, found {found}")
-    if path.stat().st_size > MOST_BYTES:
-        raise InvalidInput(f"{path}: expected a file of {MOST_BYTES} bytes or fewer, got {path.stat().st_size}")
+    with open_file(path) as stream:
+        size = os.fstat(stream.fileno()).st_size
+    if size > MOST_BYTES:
+        raise InvalidInput(f"{path}: expected a file of {MOST_BYTES} bytes or fewer, got {size}")
     try:
         with safe_open(path, framework="pt") as file:
             header = parse_json((file.metadata() or {}).get(KEY, "null"), "header")

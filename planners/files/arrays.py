@@ -14,6 +14,7 @@ from .validation import shown
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+Member = TypeVar("Member")
 
 LONGEST_NAME = 200
 LARGEST = 1e6
@@ -106,6 +107,16 @@ def checked_name(value: Any, where: str) -> str:
     if not isinstance(value, str) or not 1 <= len(value) <= LONGEST_NAME or not value.isprintable():
         raise InvalidInput(f"{where}: expected 1 to {LONGEST_NAME} printable letters, got {shown(value)}")
     return value
+
+
+def checked_members(value: Any, kind: type[Member], where: str) -> tuple[Member, ...]:
+    """Return a list or tuple as a tuple where all that is in it is of this kind. Raises InvalidInput."""
+    if not isinstance(value, list | tuple):
+        raise InvalidInput(f"{where}: expected a list of {kind.__name__}, got {shown(value)}")
+    for index, each in enumerate(value):
+        if not isinstance(each, kind):
+            raise InvalidInput(f"{where}[{index}]: expected a {kind.__name__}, got {shown(each)}")
+    return tuple(value)
 
 
 def check_numbers(

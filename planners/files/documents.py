@@ -1,4 +1,4 @@
-"""Text, JSON and YAML from files, in bounds: of size, of depth, and of how many values they hold.
+"""Text, JSON, YAML and XML from files, in bounds: of size, of depth, and of how many values they hold.
 
 One reader a kind, for everything that people and other programs write: whatever is damaged, is too large or grows out
 of proportion (YAML's aliases) is refused in one line, before the memory for it is asked for.
@@ -8,9 +8,16 @@ from __future__ import annotations
 
 import errno
 import json
+import os
+import stat
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+from xml.parsers.expat import ExpatError, ParserCreate
 
 import yaml
 
@@ -25,24 +32,45 @@ MOST_VALUES, MOST_YAML_VALUES = 2_000_000, 200_000
 """How many keys, lists and values a document may hold, what aliases stand for counted wherever they stand."""
 DEEPEST = 60
 """How deep a document may be nested."""
+MOST_ELEMENTS = 1_000_000
+"""Elements and attributes of an XML document."""
+
+NO_FILE = "a pipe, a socket or a device"
 
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
-    """Return a file's bytes, ``most`` at most. Raises InvalidInput for a file that is missing, no file or larger."""
+@contextmanager
+def open_file(path: str | Path) -> Iterator[IO[bytes]]:
+    """A file, open to be read. Raises InvalidInput for what is missing, cannot be read or is no file: a folder, or a
+    pipe or a device, which might be waited for."""
     path = Path(path)
     try:
-        with open(path, "rb") as stream:
-            content = stream.read(most + 1)
-    except IsADirectoryError:
-        raise InvalidInput(f"{path}: expected a file, found a folder") from None
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except ValueError:  # a name that no file can have
         raise InvalidInput(f"{shown(str(path))}: expected a file, found nothing there") from None
     except OSError as error:
         if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG):
             raise InvalidInput(f"{path}: expected a file, found nothing there") from None
+        if error.errno == errno.ENXIO:
+            raise InvalidInput(f"{path}: expected a file, found {NO_FILE}") from None
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
+    mode = os.fstat(number).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(number)
+        found = "a folder" if stat.S_ISDIR(mode) else NO_FILE
+        raise InvalidInput(f"{path}: expected a file, found {found}")
+    with os.fdopen(number, "rb") as stream:
+        yield stream
+
+
+def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
+    """Return a file's bytes, ``most`` at most. Raises InvalidInput as ``open_file`` does, and for a larger file."""
+    with open_file(path) as stream:
+        try:
+            content = stream.read(most + 1)
+        except OSError as error:
+            raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
     if len(content) > most:
         raise InvalidInput(f"{path}: expected a file of {most} bytes or fewer, got more")
     return content
@@ -126,6 +154,40 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise InvalidInput(f"{where}: expected keys and values, got {type(data).__name__}")
     return data
+
+
+def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Element:
+    """The root of an XML document, which has to have this name, its namespace aside.
+
+    Raises InvalidInput, which names no file, for anything else, for a document with a type and entities of its own, and
+    for one that is nested deeper than ``deepest`` or has more than ``MOST_ELEMENTS`` elements and attributes.
+    """
+    depth, count = 0, 0
+
+    def begun(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        if count == 0 and name.rpartition(":")[2] != root:
+            raise InvalidInput(f"expected a {root}, got {shown(name)}")
+        depth, count = depth + 1, count + 1 + len(attributes)
+        if depth > deepest:
+            raise InvalidInput(f"expected {deepest} levels of elements or fewer, got more")
+        if count > MOST_ELEMENTS:
+            raise InvalidInput(f"expected {MOST_ELEMENTS} elements and attributes or fewer, got more")
+
+    def ended(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def declared(*_: Any) -> None:
+        raise InvalidInput("expected XML without a document type and entities")
+
+    parser = ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = begun, ended, declared
+    try:
+        parser.Parse(content.encode() if isinstance(content, str) else content, True)
+        return ElementTree.fromstring(content)
+    except (ExpatError, ElementTree.ParseError, ValueError, LookupError) as error:  # encodings, halves of letters
+        raise InvalidInput(str(error)) from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, collect_errors, read_only
+from ..files.arrays import Array, checked, checked_members, checked_name, collect_errors, read_only
 from ..files.validation import validated
 from ..robot.model import Robot, hexapod
 from ..robot.reach import ReachRows
@@ -69,6 +69,8 @@ class Contact:
     def __post_init__(self) -> None:
         put = object.__setattr__
         collect_errors(
+            lambda: checked_name(self.leg, "leg"),
+            lambda: checked_members((self.patch,), Patch, "patch"),
             lambda: put(self, "shoulder_m", read_only(self.shoulder_m, (3,), "shoulder_m")),
             lambda: put(self, "reach_m", checked(self.reach_m, "reach_m", above=0.0)),
             lambda: put(self, "force_min", read_only(self.force_min, (3,), "force_min")),
@@ -136,13 +138,13 @@ class PostureProblem:
     robot: str = ""
 
     def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "contacts", checked_members(self.contacts, Contact, "contacts"))
         if not self.contacts:
             raise InvalidInput("contacts: expected one or more, got none")
         legs = [contact.leg for contact in self.contacts]
         if len(set(legs)) != len(legs):
             raise InvalidInput(f"contacts: expected every leg once, got {legs}")
-        put = object.__setattr__
-        put(self, "contacts", tuple(self.contacts))
         for index, contact in enumerate(self.contacts):
             if contact.sole_m is not None:
                 try:

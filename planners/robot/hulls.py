@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ..errors import InvalidInput
 from ..files.archive import unpacked
 from ..files.arrays import Array, read_only
 from ..files.embedded import embedded, extracted
+from ..files.validation import shown
 from .meshes import read_mesh
 from .shapes import Shape
 from .solids import solid_shapes
@@ -38,23 +40,34 @@ def hull_corners(points_m: Array) -> Array | None:
         return None
 
 
-def with_hulls(shapes: Sequence[Shape]) -> tuple[Shape, ...]:
-    """The shapes, every mesh that is a link's body with the corners of its hull, where its file can be read."""
+def with_hulls(shapes: Sequence[Shape]) -> tuple[tuple[Shape, ...], list[tuple[str, str]]]:
+    """The shapes, every mesh that is a link's body with the corners of its hull; and the links whose mesh is there but
+    has no hull, with why."""
     bodies, known = (
         {id(shape) for shape in solid_shapes(shapes)},
-        dict[tuple[str, bytes], Array | None](),
+        dict[tuple[str, bytes], Array | str](),
     )
-    found = []
+    found, doubts = list[Shape](), dict[tuple[str, str], None]()
     for shape in shapes:
         if shape.kind == "mesh" and shape.mesh is not None and id(shape) in bodies:
             key = str(shape.mesh), shape.size_m.tobytes()
             if key not in known:
-                mesh = read_mesh(shape.mesh, shape.size_m)
-                known[key] = None if mesh is None else hull_corners(mesh.vertices_m)
-            if (corners := known[key]) is not None:
-                shape = replace(shape, corners_m=corners)
+                known[key] = _read_hull(shape.mesh, shape.size_m)
+            if isinstance(hull := known[key], str):
+                doubts[f"link {shape.link}", f"has no body, mesh {shown(shape.mesh.name)}: {hull}"] = None
+            else:
+                shape = replace(shape, corners_m=hull)
         found.append(shape)
-    return tuple(found)
+    return tuple(found), list(doubts)
+
+
+def _read_hull(path: Path, scale: Array) -> Array | str:
+    """The corners of a mesh's hull, or why it has none."""
+    try:
+        corners = hull_corners(read_mesh(path, scale).vertices_m)
+    except InvalidInput as error:
+        return str(error).removeprefix(f"{path}: ")
+    return "expected corners around a volume, got a flat one" if corners is None else corners
 
 
 def hulls_to_text(shapes: Sequence[Shape]) -> str:

@@ -1,4 +1,4 @@
-"""Meshes of a robot's links, as pictures need them: read by coal, of few triangles, and kept on disk once thinned."""
+"""Meshes of a robot's links, as pictures need them: of few triangles, and kept on disk once thinned."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from ..errors import InvalidInput
 from ..files.archive import read_archive
 from ..files.arrays import Array, read_only
 from ..files.cache import cache_folder
+from ..files.documents import read_bytes
 from ..files.writing import write_bytes
+from ..terrain.mesh_file import MOST_BYTES, read_corners
 
 VERSION = "mesh/2"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
@@ -33,17 +35,26 @@ class Triangles:
     faces: Any
 
 
-def read_mesh(path: Path, scale: Array) -> Triangles | None:
-    """All of a mesh's file, in the formats that assimp knows; None where it cannot be had."""
-    try:
-        import coal
+def read_mesh(path: Path, scale: Array) -> Triangles:
+    """All of a mesh's file at a scale, each corner once. Raises InvalidInput as ``read_corners`` does."""
+    corners, faces = read_corners(path)
+    first, number = _different(corners)
+    return Triangles(vertices_m=corners[first] * scale, faces=number[faces])
 
-        loaded = coal.MeshLoader().load(str(path), np.array(scale, dtype=np.float64))
-        corners = map(loaded.tri_indices, range(loaded.num_tris))
-        faces = np.array([[corner[0], corner[1], corner[2]] for corner in corners], dtype=np.int64).reshape(-1, 3)
-        return Triangles(vertices_m=np.array(loaded.vertices(), dtype=np.float64), faces=faces)
-    except Exception:  # what assimp meets
-        return None
+
+def _different(points: Array) -> tuple[Any, Any]:
+    """The first of each point that is there several times, and which of those each point is.
+
+    Points are told apart by a hash, as sorting their coordinates takes ten times as long, and then compared.
+    """
+    bits = (points + 0.0).view(np.uint64)  # one zero for both
+    mixed = bits * np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+    hashes = np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(29)), axis=1)
+    _, first, number = np.unique(hashes, return_index=True, return_inverse=True)
+    if np.array_equal(points[first][number], points):
+        return first, number
+    _, first, number = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    return first, number.reshape(-1)
 
 
 def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) -> Triangles | None:
@@ -53,11 +64,13 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
     cached: False reads the file and keeps nothing.
     """
     if not cached:
-        whole = read_mesh(path, scale)
-        return None if whole is None or not len(whole.faces) else faced_outward(thinned(whole, most))
+        try:
+            return faced_outward(thinned(read_mesh(path, scale), most))
+        except InvalidInput:
+            return None
     try:
-        said = f"{VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + path.read_bytes()
-    except OSError:
+        said = f"{VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + read_bytes(path, MOST_BYTES)
+    except InvalidInput:
         return None
     kept = cache_folder() / "meshes" / f"{hashlib.sha256(said).hexdigest()}.npz"
     with suppress(InvalidInput, KeyError, ValueError):

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_choice, checked_name, read_only
+from ..files.arrays import Array, checked, checked_choice, checked_members, checked_name, read_only
+from ..files.validation import shown
 from ..terrain.sole import checked_sole
 from .reach import ReachRows, RelativeReach
 
@@ -89,6 +90,10 @@ class Robot:
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
         object.__setattr__(self, "mass_kg", checked(self.mass_kg, f"robot {self.name}: mass_kg", above=0.0))
+        where = f"robot {self.name}: "
+        object.__setattr__(self, "limbs", checked_members(self.limbs, Limb, f"{where}limbs"))
+        reach = checked_members(self.relative_reach, RelativeReach, f"{where}relative_reach")
+        object.__setattr__(self, "relative_reach", reach)
         names = [limb.name for limb in self.limbs]
         if len(set(names)) != len(names) or not names:
             raise InvalidInput(f"robot {self.name}: expected one or more limbs of different names, got {names}")
@@ -96,7 +101,12 @@ class Robot:
         self.select([name for pair in pairs for name in pair])
         if pairs != sorted(set(pairs), key=lambda pair: (names.index(pair[0]), names.index(pair[1]))):
             raise InvalidInput(f"robot {self.name}: relative_reach: expected each pair once, in order of the limbs")
+        if not isinstance(self.identity, str):
+            raise InvalidInput(f"{where}identity: expected text, got {shown(self.identity)}")
         if self.model is not None:
+            from .robot_model import RobotModel  # which reads files, and is slow to import
+
+            checked_members((self.model,), RobotModel, f"{where}model")
             self._check(self.model)
             object.__setattr__(self, "identity", self.model.identity)
 

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked_name
+from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown
 from .contacts import Contact, check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls
@@ -218,7 +218,7 @@ def model_of(
     model = built(text, where)
     try:
         shapes, missing = shapes_of(root, folder, packages)
-        shapes = with_hulls(shapes) if hulls is None else with_known_hulls(shapes, hulls)
+        shapes, broken = with_hulls(shapes) if hulls is None else (with_known_hulls(shapes, hulls), [])
         order = [joint.get("name", "") for joint in root.findall("joint")]
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
         found = legs_of(model, shapes, order, named, contacts)
@@ -238,7 +238,7 @@ def model_of(
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     doubts = [*found.doubts, *_torque_doubts(legs, body), *leg_doubts(legs)]
-    doubts += [(f"mesh {each}", _not_there(each)) for each in missing]
+    doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
     doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
     mounts = _mounts(model, legs, rest)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
@@ -268,14 +268,14 @@ def _stand(
 ) -> tuple[tuple[Leg, ...], list[str]]:
     """The legs with the posture that a person or the SRDF says, or a guessed one; and what was guessed."""
     guesses = list[str]()
-    said = dict[str, float]()
+    said, names = dict[str, float](), {name: None for leg in legs for name in leg.joint_names}
     states = {} if srdf is None else {state.get("name", ""): state for state in srdf.findall("group_state")}
     state = next((states[name] for name in STANCES if name in states), None)
     if state is not None:
         for joint in state.findall("joint"):
-            if len(joint.get("value", "").split()) == 1:
-                said[joint.get("name", "")] = float(joint.get("value", ""))
-    names = {name: None for leg in legs for name in leg.joint_names}
+            name, value = joint.get("name", ""), joint.get("value", "")
+            if name in names and len(value.split()) <= 1:  # several: of a joint that is no leg's
+                said[name] = _angle(value, f"srdf: group_state {shown(state.get('name'))}: joint {shown(name)}")
     for pattern, angle in (posture_rad or {}).items():
         said.update(dict.fromkeys(matching(pattern, names, "posture_rad"), float(angle)))
     stood, unsaid = [], []
@@ -291,6 +291,14 @@ def _stand(
     elif state is not None and not posture_rad:
         guesses.append(f"posture to stand in, from the SRDF: {state.get('name')}")
     return tuple(stood), guesses
+
+
+def _angle(text: str, where: str) -> float:
+    """A joint's value in an SRDF. Raises InvalidInput for anything but one finite number."""
+    try:
+        return checked(float(text), where)
+    except ValueError:  # InvalidInput is one
+        raise InvalidInput(f"{where}: expected a number, got {shown(text)}") from None
 
 
 def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[Body, Array]:

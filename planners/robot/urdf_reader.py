@@ -10,12 +10,12 @@ from tempfile import TemporaryFile
 from typing import Annotated, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
-from xml.parsers.expat import ExpatError, ParserCreate
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
+from ..files.documents import parse_xml
 from ..files.validation import shown
 
 DEEPEST_XML = 30
@@ -41,27 +41,10 @@ def parsed(text: str, where: str) -> Element:
 
     Raises InvalidInput unless the text is XML of a robot, without entities of its own and of a depth that is usual.
     """
-    parser, depth = ParserCreate(), [0, 0]
-
-    def begun(name: str, _: dict[str, str]) -> None:
-        if depth[1] == 0 and name != "robot":
-            raise InvalidInput(f"expected a robot, got {shown(name)}")
-        depth[:] = depth[0] + 1, depth[1] + 1
-        if depth[0] > DEEPEST_XML:
-            raise InvalidInput(f"expected {DEEPEST_XML} levels of elements or fewer, got more")
-
-    def ended(_: str) -> None:
-        depth[0] -= 1
-
-    def declared(*_: Any) -> None:
-        raise InvalidInput("expected XML without a document type and entities")
-
-    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = begun, ended, declared
     try:
-        parser.Parse(text.encode(), True)
-    except (ExpatError, InvalidInput) as error:
+        root = parse_xml(text, "robot", deepest=DEEPEST_XML)
+    except InvalidInput as error:
         raise InvalidInput(f"{where}: expected a URDF: {error}") from None
-    root = ElementTree.fromstring(text)
     kinds = [joint.get("type") for joint in root.findall("joint")]
     moving = sum(kind != "fixed" for kind in kinds)
     if len(kinds) > MOST_JOINTS or moving > MOST_MOVING:

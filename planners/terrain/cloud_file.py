@@ -13,7 +13,8 @@ from ..files.archive import array_of
 from ..files.arrays import Array
 from ..files.documents import read_bytes
 from .grid_file import table
-from .mesh_file import MOST_BYTES, check_declared, loaded
+from .mesh_file import MOST_BYTES
+from .mesh_formats.ply import read_ply
 
 MOST_POINTS = 20_000_000
 
@@ -45,12 +46,9 @@ def read_points(path: Path) -> Array:
 
 def _of_ply(content: bytes, path: Path) -> Array:
     try:
-        check_declared(content, ".ply")
-        return np.asarray(loaded(content, ".ply", path).vertices, dtype=np.float64)
+        return read_ply(content)[0]
     except InvalidInput as error:
-        raise InvalidInput(f"{path}: expected points: {error}") from None
-    except Exception as error:  # trimesh's readers raise whatever struck them
-        raise InvalidInput(f"{path}: expected points, which trimesh cannot read: {_told(error)}") from None
+        raise InvalidInput(f"{path}: {error}") from None
 
 
 def _of_pcd(content: bytes, path: Path) -> Array:
@@ -64,7 +62,8 @@ def _of_pcd(content: bytes, path: Path) -> Array:
         raise InvalidInput(f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} bytes")
     try:
         found = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
-        return np.asarray(found.numpy(("x", "y", "z")), dtype=np.float64)
+        with np.errstate(all="ignore"):  # of numbers that are none, which are left out below
+            return np.asarray(found.numpy(("x", "y", "z")), dtype=np.float64)
     except Exception as error:  # as above
         raise InvalidInput(f"{path}: expected points, which pypcd4 cannot read: {_told(error)}") from None
 

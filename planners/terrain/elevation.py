@@ -12,12 +12,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, read_only
+from ..files.arrays import LARGEST, Array, read_only
 from .heightfield import FEWEST, MOST_POINTS, WIDEST_M, HeightField
 from .import_options import Holes
 
 LAYER_M = 0.05
 """Points of a cell this far below its highest one are of the surface seen from above [m]."""
+FARTHEST = 1e15
+"""Cells from the origin, numbers of which are still exact."""
 MOST_FILLED = 400_000
 """Holes in cells that are filled at once."""
 
@@ -89,14 +91,17 @@ class ElevationMap:
     def of_points(cls, points_m: Array, spacing_m: float, name: str) -> ElevationMap:
         """The upper side of a point cloud, shape (K, 3) [m]: in each cell the mean of the points within 5 cm of its
         highest one. Cells without points are holes. Grid lines are at multiples of the spacing."""
+        ends = points_m.min(axis=0), points_m.max(axis=0)
+        far, wide = float(np.abs(ends).max()), float(max(float(b) - float(a) for a, b in zip(*ends, strict=True)))
+        if far > LARGEST or wide > WIDEST_M:  # before they become whole numbers, which end at 2⁶³
+            raise InvalidInput(
+                f"{name}: expected points within {WIDEST_M:g} m, no farther than {LARGEST:g} m away, got {wide:g} m "
+                f"from end to end, {far:g} m away; a file in millimetres is read with unit_m=0.001"
+            )
+        if not spacing_m > far / FARTHEST:
+            raise InvalidInput(f"{name}: spacing_m: expected more than {far / FARTHEST:g} m, got {spacing_m:g}")
         cells = np.round(points_m[:, :2] / spacing_m).astype(np.int64)
         first, last = cells.min(axis=0), cells.max(axis=0)
-        wide = spacing_m * float((last - first).max())
-        if wide > WIDEST_M:
-            raise InvalidInput(
-                f"{name}: expected points within {WIDEST_M:g} m, got {wide:g} m from end to end; a file in "
-                "millimetres is read with unit_m=0.001"
-            )
         shape = tuple((last - first + 1).tolist())
         if shape[0] * shape[1] > MOST_POINTS:
             raise InvalidInput(

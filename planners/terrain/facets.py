@@ -97,6 +97,8 @@ class Facet:
 def parts_of(polygon: Any) -> list[Any]:
     """The polygons with an area that something of shapely's has."""
     shapely = shapely_module()
+    if not polygon.is_valid:  # it crosses itself within the last digits, and triangulations want it not to
+        polygon = polygon.buffer(0.0)
     parts = shapely.get_parts(polygon) if hasattr(polygon, "geoms") else [polygon]
     return [part for part in parts if part.geom_type == "Polygon" and part.area > SNAP_M**2]
 

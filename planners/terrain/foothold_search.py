@@ -18,16 +18,24 @@ def footholds_of(
     terrain: TriangleMesh | ElevationMap, limits: FootholdLimits = FootholdLimits(), friction: float = 1.0
 ) -> Footholds:
     """The footholds of a mesh or a map. Raises InvalidInput, with the reasons, where there is none."""
+    from .facets import shapely_module
     from .triangle_mesh import TriangleMesh
 
-    if isinstance(terrain, TriangleMesh):
-        from .mesh_footholds import mesh_footholds
+    broken = shapely_module().errors.ShapelyError
+    try:
+        if isinstance(terrain, TriangleMesh):
+            from .mesh_footholds import mesh_footholds
 
-        found = mesh_footholds(terrain, limits, friction)
-    else:
-        from .map_footholds import map_footholds
+            found = mesh_footholds(terrain, limits, friction)
+        else:
+            from .map_footholds import map_footholds
 
-        found = map_footholds(terrain, limits, friction)
+            found = map_footholds(terrain, limits, friction)
+    except broken as error:  # outlines that cross themselves within the last digits
+        raise InvalidInput(
+            f"{terrain.name}: expected surfaces with outlines, got some that cross themselves; another spacing_m or "
+            f"offset_m may help: {' '.join(str(error).split()):.100}"
+        ) from None
     if not found.pieces:
         refused = ", ".join(f"{area:.3g} m² {name}" for name, area in found.refused_m2.items() if area > 0.0)
         noisy = isinstance(terrain, TriangleMesh) and found.refused_m2.get("edge", 0.0) > 0.0

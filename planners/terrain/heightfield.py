@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, read_only
+from ..files.arrays import Array, checked, checked_name, read_only
 from .bspline import CubicBasis
 
 FEWEST = 4
@@ -50,10 +50,15 @@ class HeightField:
     name: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or self.name:
+            checked_name(self.name, "name")
         where = self.name or "terrain"
         for axis in ("x_m", "y_m"):
             object.__setattr__(self, axis, _grid_lines(getattr(self, axis), f"{where}: {axis}"))
-        heights = np.asarray(self.heights_m)
+        try:
+            heights = np.asarray(self.heights_m)
+        except (TypeError, ValueError):  # rows of different lengths
+            heights = np.zeros(())
         shape = (len(self.x_m), len(self.y_m))
         if heights.size > MOST_POINTS:
             raise InvalidInput(f"{where}: expected {MOST_POINTS} grid points or fewer, got {heights.size}")

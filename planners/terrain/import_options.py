@@ -80,7 +80,8 @@ class ImportOptions:
     def placed(self, points: Array) -> Array:
         """Points of the file, shape (K, 3), in the world's frame [m]: unit, then axis, then offset."""
         turn = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}[self.up]  # axes change places in a circle: no mirror
-        return np.asarray(self.unit_m * points[:, turn] + np.asarray(self.offset_m, dtype=np.float64))
+        with np.errstate(over="ignore"):  # what is too far away is refused by its readers
+            return np.asarray(self.unit_m * points[:, turn] + np.asarray(self.offset_m, dtype=np.float64))
 
     @property
     def box_m(self) -> Array:

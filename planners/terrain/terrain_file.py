@@ -14,6 +14,7 @@ from . import cloud_file, grid_file, mesh_file
 from .elevation import ElevationMap
 from .heightfield import WIDEST_M, HeightField
 from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind
+from .mesh_formats.ply import HEAD_BYTES
 from .triangle_mesh import TriangleMesh
 
 MAY_HOLD = SUFFIXES_OF | {"cloud": (*SUFFIXES_OF["cloud"], ".ply", ".npy", ".csv")}
@@ -81,7 +82,7 @@ def _kind(path: Path, wanted: Kind | None) -> Kind:
             raise InvalidInput(f"{path}: expected a {wanted} that ends in {', '.join(MAY_HOLD[wanted])}, got {suffix}")
         return wanted
     if suffix == ".ply":
-        head = read_bytes(path, mesh_file.MOST_BYTES)[: mesh_file.PLY_HEAD].partition(b"end_header")[0]
+        head = read_bytes(path, mesh_file.MOST_BYTES)[:HEAD_BYTES].partition(b"end_header")[0]
         faces = re.search(rb"^element\s+face\s+(\d+)", head, re.MULTILINE)
         points = re.search(rb"^element\s+vertex\s+(\d+)", head, re.MULTILINE)
         return "cloud" if points and int(points[1]) and not (faces and int(faces[1])) else "mesh"

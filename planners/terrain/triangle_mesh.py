@@ -13,6 +13,7 @@ from ..files.arrays import Array
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M
 from .import_options import ImportOptions
+from .inside_out import inside_out
 
 WELD_M = 1e-6
 """Corners closer than this are one [m]: STL files have no others."""
@@ -20,8 +21,6 @@ LARGEST_M, SMALLEST_MESH_M = 50.0, 0.01
 """A terrain is no larger and no smaller than this from end to end [m]: what is, is in another unit."""
 MOST_COVERED = 2e8
 """Grid points under all triangles of a mesh together, as each has to be looked at."""
-INSIDE_OUT = 1e-6
-"""Volume that a closed mesh may have inside out [m³]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +38,7 @@ class TriangleMesh:
     def of(cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str) -> TriangleMesh:
         """Those of a file, welded, in the world's frame, cropped.
 
-        Raises InvalidInput where nothing is left, for an unlikely size, and for a closed mesh that is inside out.
+        Raises InvalidInput where nothing is left, for an unlikely size, and for a solid that is inside out.
         """
         with np.errstate(all="ignore"):  # absurd magnitudes end as no area
             corners, triangles = _welded(options.placed(corners), triangles)
@@ -49,11 +48,12 @@ class TriangleMesh:
             corners, triangles = _cropped(corners, triangles, options.box_m)
             if len(triangles) == 0:
                 raise InvalidInput(f"{name}: crop_m: expected some of the mesh inside, got none of it")
-        volume = _closed_volume(corners, triangles)
-        if volume < -INSIDE_OUT:
+        middle = inside_out(corners, triangles)
+        if middle is not None:
+            place = ", ".join(f"{value + 0.0:.3g}" for value in middle.round(6))
             raise InvalidInput(
-                f"{name}: expected triangles that turn to the left as seen from outside, got a closed mesh that is "
-                f"inside out ({volume:.3g} m³); turn its normals, or crop the ceiling off a room"
+                f"{name}: expected triangles that turn to the left as seen from outside, got a solid about ({place}) m "
+                "that is inside out; turn its normals, or crop the ceiling off a room"
             )
         return cls(corners_m=corners, triangles=triangles, name=name)
 
@@ -112,19 +112,6 @@ def _cropped(corners: Array, triangles: NDArray[np.int_], box: Array) -> tuple[A
             normal, origin = sign * np.eye(3)[axis], at * np.eye(3)[axis]
             corners, triangles, *_ = sliced(corners, triangles, normal, origin)
     return _welded(np.asarray(corners, dtype=np.float64), np.asarray(triangles, dtype=np.int_).reshape(-1, 3))
-
-
-def _closed_volume(corners: Array, triangles: NDArray[np.int_]) -> float:
-    """Volume inside a mesh each of whose edges is gone along once each way, by the divergence theorem; 0 for others."""
-    edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    key = edges.min(axis=1) * len(corners) + edges.max(axis=1)
-    order = np.argsort(key, kind="stable")
-    if len(order) % 2 or np.any(key[order[::2]] != key[order[1::2]]) or np.any(np.diff(key[order[::2]]) == 0):
-        return 0.0
-    if np.any(edges[order[::2], 0] == edges[order[1::2], 0]):
-        return 0.0
-    a, b, c = (corners[triangles[:, i]] - corners.mean(axis=0) for i in range(3))
-    return float(np.vecdot(a, np.cross(b, c)).sum()) / 6.0
 
 
 def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:

@@ -172,6 +172,21 @@ def cases() -> list[Case]:
         file = f"terrain.{suffix}"
         found.append(Case(name=f"heights {suffix}", arguments=("gait", file, *OUTSIDE, *more), file=file, kind=suffix,
                           made=ways, codes=ONLY))  # fmt: skip
+    for suffix in ("-text.stl", "-text.ply", ".dae"):
+        file = f"terrain{suffix}"
+        found.append(Case(name=f"heights {file[7:]}", arguments=("gait", file, *OUTSIDE), file=file, kind=suffix[-3:],
+                          made=TEXT, codes=ONLY))  # fmt: skip
+    for file in ("cloud.pcd", "text.pcd", "cloud.xyz", "cloud.ply"):
+        way = (m.renumbered,) if file in ("text.pcd", "cloud.xyz") else ()
+        found.append(Case(name=file, arguments=("terrain", file, "--spacing-m", "0.25"), file=file, kind=file[-3:],
+                          made=way))  # fmt: skip
+    for kind in ("-stl", "-text-stl", "-obj", "-ply", "-text-ply", "-off", "-glb", "-dae"):
+        file = f"foot{kind[::-1].replace('-', '.', 1)[::-1]}"
+        way = TEXT if kind in ("-text-stl", "-obj", "-text-ply", "-off", "-dae") else ()
+        found.append(Case(name=f"robot{kind}", arguments=("robot", f"foot{kind}.urdf", "--json"), file=file,
+                          kind=kind[-3:], made=way))  # fmt: skip
+    found.append(Case(name="srdf", arguments=("robot", "robot.urdf", "--srdf", "robot.srdf", "--json"),
+                      file="robot.srdf", kind="xml", made=TEXT))  # fmt: skip
     for suffix in ("stl", "obj", "ply"):
         found.append(Case(name=f"mesh {suffix}", arguments=("plan", f"mesh-{suffix}.yaml"), file=f"mesh.{suffix}",
                           kind=suffix, made=made[suffix]))  # fmt: skip

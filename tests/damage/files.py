@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,8 @@ from stancekit.runner.worlds.ros.setup import same_names
 
 from .cases import command
 
+FEET = (".stl", "-text.stl", ".obj", ".ply", "-text.ply", ".off", ".glb", ".dae")
+"""Kinds of meshes that robots and terrains name, by the ends of their files' names."""
 SMALL = Architecture(width=8, layers=1, heads=2, corner_width=4)
 
 
@@ -144,8 +147,12 @@ def _robots(folder: Path) -> None:
     (folder / "robot.yaml").write_text(config_path("robots/anymal.yaml").read_text())
     robot = hexapod()
     (folder / "robot.urdf").write_text(hexapod_urdf(robot))
+    angles = "".join(f'<joint name="{name}" value="0.1"/>' for name in joint_names(robot))
+    pair = '<disable_collisions link1="LF_foot" link2="LM_foot" reason="never"/>'
+    state = f'<group_state name="home">{angles}</group_state>'
+    (folder / "robot.srdf").write_text(f'<robot name="hexapod">{state}{pair}</robot>')
     measured = {
-        "urdf": "robot.urdf", "feet": [f"{name}_foot" for name in ("LF", "RM", "LR")],
+        "urdf": "robot.urdf", "feet": [f"{name}_foot" for name in ("LF", "RF", "LR", "RR")],
         "steps": 5, "voxel_m": 0.06, "ranges_rad": [[1.0, 1.0]] * 4,
         "posture_rad": [0.0, 0.5, 0.0, 1.2] * 6,
         "trunk_half_m": [0.1, 0.1, 0.05], "name": "measured",
@@ -165,6 +172,16 @@ def _selectors(folder: Path) -> None:
     Chooser(ChoiceNetwork(SMALL, len(envelopes.envelopes)), envelopes).save(folder / "chooser.safetensors")
 
 
+def _with_foot(urdf: str, mesh: str) -> str:
+    """The hexapod with a mesh as the shape of a foot."""
+    shape = f'<collision><geometry><mesh filename="{mesh}"/></geometry></collision></link>'
+    return re.sub(
+        r'(<link name="LF_foot">)(.*?)</link>',
+        lambda found: found[1] + re.sub(r"<collision>.*?</collision>", "", found[2], flags=re.DOTALL) + shape,
+        urdf, flags=re.DOTALL,
+    )  # fmt: skip
+
+
 def _terrains(folder: Path) -> None:
     x = np.linspace(-1.0, 1.0, 9)
     heights = 0.05 * np.sin(2.0 * x)[:, None] * np.cos(x)
@@ -176,8 +193,21 @@ def _terrains(folder: Path) -> None:
     cell = np.arange(72).reshape(8, 9)[:, :8].ravel()
     faces = np.concatenate([np.stack([cell, cell + 9, cell + 10], 1), np.stack([cell, cell + 10, cell + 1], 1)])
     surface = trimesh.Trimesh(grid, faces, process=False)
-    for suffix in ("stl", "obj", "ply", "off", "glb"):
-        surface.export(folder / f"terrain.{suffix}")
+    cloud = "\n".join(" ".join(f"{value:.5f}" for value in row) for row in grid.tolist())
+    (folder / "cloud.xyz").write_text(cloud)
+    head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 81\nHEIGHT 1\nPOINTS 81\nDATA "
+    (folder / "cloud.pcd").write_bytes(f"{head}binary\n".encode() + grid.astype("<f4").tobytes())
+    (folder / "text.pcd").write_text(f"{head}ascii\n{cloud}\n")
+    trimesh.PointCloud(grid).export(folder / "cloud.ply")
+    ball = trimesh.creation.icosphere(1, 0.02)
+    for name, mesh in (("terrain", surface), ("foot", ball)):
+        for suffix in ("stl", "obj", "ply", "off", "glb", "dae"):
+            mesh.export(folder / f"{name}.{suffix}")
+        (folder / f"{name}-text.stl").write_text(trimesh.exchange.stl.export_stl_ascii(mesh))
+        (folder / f"{name}-text.ply").write_bytes(trimesh.exchange.ply.export_ply(mesh, encoding="ascii"))
+    for file in FEET:
+        text = _with_foot(hexapod_urdf(hexapod()), f"foot{file}")
+        (folder / f"foot{file.replace('.', '-')}.urdf").write_text(text)
     spec = yaml.safe_load((folder / "course.yaml").read_text())
     walls = trimesh.util.concatenate([
         trimesh.creation.box((2.4, 0.1, 2.0), trimesh.transformations.translation_matrix((0.0, side * 0.43, 0.4)))

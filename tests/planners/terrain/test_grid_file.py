@@ -127,7 +127,7 @@ def written(path, content):
         ("h.npy", b"", {}, "expected a terrain, the file is empty"),
         ("h.png", b"no", {"height_m": (0.0, 1.0)}, "expected a .png picture, cannot read it"),
         ("h.png", b"no", {}, "expected height_m with a .png, the heights of black and white [m], got none"),
-        ("h.stl", b"no", {}, "expected a mesh with triangles, got an empty one"),
+        ("h.stl", b"no", {}, "h.stl: expected a mesh: it is cut off, and it has 2 bytes"),
         ("h.tif", b"no", {}, ".png, .stl, .obj, .ply, .dae, .off, .glb, .pcd, .xyz, got .tif"),
         ("h.csv", b"1", {"height_m": (0.0, 1.0)}, "height_m: expected a .png with it"),
     ],

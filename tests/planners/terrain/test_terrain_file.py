@@ -121,7 +121,7 @@ def many(path):
         ("row.npy", lambda p: np.save(p, np.zeros((1, 50))), {}, "x_m: expected 4 or more grid lines, got 1"),
         ("mm.stl", lambda p: trimesh.creation.box((900, 900, 90)).export(p), {}, "is read with unit_m: 0.001"),
         ("mm.npy", lambda p: np.save(p, 1000.0 * np.eye(9)), {}, "m from lowest to highest; a file in millimetres"),
-        ("out.stl", inside_out, {}, "got a closed mesh that is inside out (-0.2 m³)"),
+        ("out.stl", inside_out, {}, "got a solid about (-0.167, -0.167, -0.0993) m that is inside out"),
         ("line.obj", lambda p: p.write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), {}, "triangles, got an empty"),
         ("many.stl", many, {"most_triangles": 100}, "expected 100 triangles or fewer (most_triangles), got 192"),
         ("many.ply", many, {"most_triangles": 100}, "expected 100 triangles or fewer (most_triangles), got 192"),

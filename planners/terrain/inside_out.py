@@ -1,0 +1,159 @@
+"""Whether a closed surface shows its inside: solids are told apart where they touch, and each is judged alone.
+
+The winding number of a surface counts how often it goes round a point: 1 in a solid, 0 outside, also in its cavities,
+and −1 in a solid whose triangles turn the wrong way. A ray from the point to infinity leaves the surface as many more
+times than it enters it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..files.arrays import Array
+
+LEAST_M3 = 1e-6
+"""Volume below which a solid is not judged [m³]."""
+OFF = 1e-3
+"""Distance of a sample from its triangle, as a share of the root of the triangle's area."""
+SAMPLES = 3
+"""Triangles of a piece, its largest ones, that are looked at."""
+FINEST, MOST_ENTRIES = 512, 4_000_000
+"""Cells along each side of the table of triangles that rays are looked up in, and its entries, at most."""
+MOST_PAIRS = 20_000_000
+"""Rays times triangles near them that are looked at; what is beyond, on the smallest triangles, is not judged."""
+RAY = np.array(
+    [
+        [0.736167, -0.543238, 0.403671],
+        [0.676762, 0.597202, -0.430515],
+        [-0.007201, 0.590120, 0.807283],
+    ]
+)
+"""Axes in columns, the last of them along the rays: no terrain's edges are parallel to it."""
+
+
+def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
+    """A place in a solid whose triangles turn to the left as seen from its inside, shape (3,) [m]; None without one.
+
+    corners: each given once, shape (V, 3) [m]. triangles: by corners' numbers, shape (T, 3). Surfaces that are open are
+    not judged.
+    """
+    piece, suspects, closed = _pieces(corners, triangles)
+    if not len(suspects):
+        return None
+    spread = corners[triangles]
+    normals = np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
+    areas = 0.5 * np.linalg.norm(normals, axis=1)
+    order = np.lexsort((-areas, piece))
+    rank = np.arange(len(order)) - np.searchsorted(piece[order], piece[order])
+    samples = order[(rank < SAMPLES) & np.isin(piece[order], suspects)]
+    samples = samples[np.argsort(-areas[samples], kind="stable")]
+    off = (
+        OFF * np.sqrt(areas[samples])[:, None] * normals[samples] / (2.0 * areas[samples])[:, None]
+    )
+    points = spread[samples].mean(axis=1) + off
+    wrong = np.flatnonzero(_winding(spread[closed], points) < 0)
+    return np.asarray(points[wrong[0]]) if len(wrong) else None
+
+
+def _pieces(
+    corners: Array, triangles: NDArray[np.int_]
+) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.bool_]]:
+    """The piece of each triangle, shape (T,); pieces that may be inside out; which triangles are of closed surfaces.
+
+    A piece hangs together by edges of two triangles. It is closed where each of its edges is gone along as often one
+    way as the other; pieces that are open, and share edges with others, may be closed together.
+    """
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    owner = np.repeat(np.arange(len(triangles)), 3)
+    key = edges.min(axis=1) * len(corners) + edges.max(axis=1)
+    ahead = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    paired = np.flatnonzero(uses[edge] == 2)
+    paired = paired[np.argsort(edge[paired], kind="stable")]
+    piece = _joined(owner[paired[::2]], owner[paired[1::2]], len(triangles))
+    alone = _balanced(piece[owner], edge, ahead)
+    volume = np.bincount(piece, _volumes(corners, triangles))
+    # pieces that are open, by the edges that they share
+    first = np.full(len(uses), -1)
+    first[edge] = piece[owner]
+    group = _joined(first[edge], piece[owner], len(alone))
+    opened = ~alone[piece[owner]]
+    together = _balanced(
+        group[piece[owner]][opened], edge[opened], ahead[opened], int(group.max()) + 1
+    )[group]
+    suspects = np.flatnonzero((alone & (volume < -LEAST_M3)) | (~alone & together))
+    return piece, suspects, (alone | together)[piece]
+
+
+def _joined(one: NDArray[np.int_], other: NDArray[np.int_], count: int) -> NDArray[np.int_]:
+    """The component of each of so many things that pairs join."""
+    links = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int_)
+
+
+def _balanced(
+    owner: NDArray[np.int_],
+    edge: NDArray[np.int_],
+    ahead: NDArray[np.int_],
+    count: int | None = None,
+) -> NDArray[np.bool_]:
+    """For each owner whether all of its edges are gone along as often one way as the other."""
+    count = int(owner.max(initial=-1)) + 1 if count is None else count
+    if not len(edge):
+        return np.zeros(count, dtype=bool)
+    pairs, number = np.unique(owner * (int(edge.max()) + 1) + edge, return_inverse=True)
+    odd = pairs[np.bincount(number, ahead) != 0] // (int(edge.max()) + 1)
+    found = np.zeros(count, dtype=bool)
+    found[owner] = True
+    found[odd] = False
+    return found
+
+
+def _volumes(corners: Array, triangles: NDArray[np.int_]) -> Array:
+    """The share of each triangle in the volume that they enclose, by the divergence theorem, shape (T,) [m³]."""
+    a, b, c = (corners[triangles[:, i]] - corners.mean(axis=0) for i in range(3))
+    return np.asarray(np.vecdot(a, np.cross(b, c)) / 6.0)
+
+
+def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
+    """How often closed triangles, shape (T, 3, 3), go round points, shape (P, 3); 0 for points not looked at."""
+    turned, rays = surface @ RAY, points @ RAY
+    flat, low = turned[:, :, :2], turned[:, :, :2].min(axis=(0, 1))
+    size = np.maximum(flat.max(axis=(0, 1)) - low, 1e-9) * (1.0 + 1e-9)
+    cells = FINEST
+    while True:
+        first, last = (
+            ((edge - low) / size * cells).astype(int)
+            for edge in (flat.min(axis=1), flat.max(axis=1))
+        )
+        wide = last - first + 1
+        count = wide.prod(axis=1)
+        if count.sum() <= MOST_ENTRIES or cells == 1:
+            break
+        cells //= 2
+    owner = np.repeat(np.arange(len(flat)), count)
+    step = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
+    cell = (
+        (first[owner, 0] + step // wide[owner, 1]) * cells + first[owner, 1] + step % wide[owner, 1]
+    )
+    order = np.argsort(cell, kind="stable")
+    cell, owner = cell[order], owner[order]
+    place = ((rays[:, :2] - low) / size * cells).astype(int).clip(-1, cells) @ [cells, 1]
+    begin = np.searchsorted(cell, place)
+    near = np.searchsorted(cell, place, side="right") - begin
+    near = np.where(np.cumsum(near) <= MOST_PAIRS, near, 0)
+    ray = np.repeat(np.arange(len(rays)), near)
+    its = owner[begin[ray] + np.arange(len(ray)) - (np.cumsum(near) - near)[ray]]
+    sides = turned[its] - rays[ray][:, None]
+    x, y = sides[:, :, 0], sides[:, :, 1]
+    weights = np.roll(x, -1, axis=1) * np.roll(y, -2, axis=1) - np.roll(x, -2, axis=1) * np.roll(
+        y, -1, axis=1
+    )
+    whole = weights.sum(axis=1)
+    inside = np.all(weights * np.sign(whole)[:, None] > 0.0, axis=1)
+    ahead = inside & (np.vecdot(weights, sides[:, :, 2]) * np.sign(whole) > 0.0)
+    leaves = np.sign(whole[ahead]).astype(int)
+    return np.bincount(ray[ahead], leaves, minlength=len(rays)).round().astype(int)

@@ -1,0 +1,214 @@
+"""COLLADA files (.dae): triangles and polygons of all geometries where the scene's nodes place them.
+
+The file's unit and its axis up are left to whoever asks: numbers are taken as they are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidInput
+from ...files.arrays import Array
+from ...files.documents import parse_xml
+from ...files.validation import shown
+from .numbers import (
+    Surface,
+    Triangles,
+    broken,
+    check_count,
+    fans,
+    joined,
+    reals_of,
+    strip,
+    wholes_of,
+)
+from .placement import checked_matrix, moved
+
+DEEPEST = 60
+MOST_NODES = 20_000
+POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")
+
+
+def read_collada(content: bytes, most: int) -> Surface:
+    """Corners and triangles of the scene; of every geometry where the file has no scene. Raises InvalidInput."""
+    root = parse_xml(content, "COLLADA", deepest=DEEPEST)
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    return _Scene(root, most).surface()
+
+
+class _Scene:
+    """The geometries of a file, by their names, and the nodes that place them."""
+
+    def __init__(self, root: Element, most: int) -> None:
+        self._most, self._left, self._root = most, most, root
+        self._named = {name: element for element in root.iter() if (name := element.get("id"))}
+        self._known = dict[str, list[Surface]]()
+
+    def surface(self) -> Surface:
+        """All of it, in one."""
+        return joined(self._placed())
+
+    def _placed(self) -> Iterator[Surface]:
+        scene = self._root.find("scene/instance_visual_scene")
+        if scene is None:
+            for number, geometry in enumerate(self._root.findall("library_geometries/geometry")):
+                yield from self._of_geometry(geometry.get("id", f"\0{number}"), geometry)
+            return
+        stack, visits = [(self._meant(scene.get("url", ""), "visual_scene"), np.eye(4))], 0
+        while stack:
+            node, above = stack.pop()
+            visits += 1
+            if visits > MOST_NODES:
+                raise broken(
+                    f"expected {MOST_NODES} nodes or fewer, got more, or one that is within itself"
+                )
+            here = above @ _matrix(node)
+            for each in node:
+                if each.tag == "node":
+                    stack.append((each, here))
+                elif each.tag == "instance_node":
+                    stack.append((self._meant(each.get("url", ""), "node"), here))
+                elif each.tag in ("instance_geometry", "instance_controller"):
+                    for corners, triangles in self._instance(each):
+                        yield moved(corners, here), triangles
+
+    def _meant(self, url: str, tag: str) -> Element:
+        """The element that a reference names. Raises InvalidInput unless it is there, and of this kind."""
+        found = self._named.get(url.removeprefix("#")) if url.startswith("#") else None
+        if found is None or found.tag != tag:
+            raise broken(f"expected a {tag} of the file, got {shown(url)}")
+        return found
+
+    def _instance(self, element: Element) -> list[Surface]:
+        """The surfaces of a geometry, or of one under a skin as it is bound."""
+        url, place = element.get("url", ""), np.eye(4)
+        if element.tag == "instance_controller":
+            skin = self._meant(url, "controller").find("skin")
+            if skin is None:
+                return []
+            url = skin.get("source", "")
+            if (bound := skin.findtext("bind_shape_matrix")) is not None:
+                place = checked_matrix(reals_of(bound.encode()))
+        found = self._of_geometry(url.removeprefix("#"), self._meant(url, "geometry"))
+        return [(moved(corners, place), triangles) for corners, triangles in found]
+
+    def _of_geometry(self, name: str, geometry: Element) -> list[Surface]:
+        """The surfaces of a geometry; counted anew each time that it is placed, read once."""
+        if name not in self._known:
+            meshes = geometry.findall("mesh")
+            parts = [(mesh, part) for mesh in meshes for part in mesh if part.tag in POLYGONS]
+            self._known[name] = [self._of_part(mesh, part) for mesh, part in parts]
+        self._left -= sum(len(triangles) for _, triangles in self._known[name])
+        check_count(self._most - self._left, self._most)
+        return self._known[name]
+
+    def _of_part(self, mesh: Element, part: Element) -> Surface:
+        """Corners and triangles of one list of polygons."""
+        inputs = [
+            (each.get("semantic"), _whole(each, "offset", 0, 100), each)
+            for each in part.findall("input")
+        ]
+        vertex = next((found for found in inputs if found[0] == "VERTEX"), None)
+        if vertex is None:
+            raise broken("expected polygons with an input VERTEX")
+        corners, stride = self._corners(mesh, vertex[2]), 1 + max(offset for _, offset, _ in inputs)
+        lists = [wholes_of((p.text or "").encode()) for p in part.iter("p")]
+        if any(len(each) % stride for each in lists):
+            raise broken(f"expected {stride} numbers per corner of a polygon")
+        lists = [each[vertex[1] :: stride] for each in lists]
+        every = np.concatenate([np.zeros(0, dtype=np.int64), *lists])
+        if len(every) and not (every.min() >= 0 and every.max() < len(corners)):
+            raise broken(f"its polygons are not all of its {len(corners)} corners")
+        return corners, self._triangles(part, lists, every)
+
+    def _triangles(
+        self, part: Element, lists: list[NDArray[np.int64]], every: NDArray[np.int64]
+    ) -> Triangles:
+        if part.tag == "triangles":
+            check_count(len(every) // 3, self._left)
+            return np.asarray(every[: len(every) // 3 * 3].reshape(-1, 3), dtype=np.int_)
+        if part.tag == "tristrips":
+            pieces, left = [np.zeros((0, 3), dtype=np.int_)], self._left
+            for each in lists:
+                pieces.append(strip(each, left))
+                left -= len(pieces[-1])
+            return np.concatenate(pieces)
+        if part.tag != "polylist":
+            return fans(np.array([len(each) for each in lists], dtype=np.int64), every, self._left)
+        counts = wholes_of((part.findtext("vcount") or "").encode())
+        if (len(counts) and (counts.min() < 0 or counts.max() > len(every))) or int(
+            counts.sum()
+        ) != len(every):
+            raise broken("expected as many corners as vcount declares")
+        return fans(counts, every, self._left)
+
+    def _corners(self, mesh: Element, given: Element) -> Array:
+        """The positions that an input VERTEX names, shape (V, 3)."""
+        own = {name: element for element in mesh.iter() if (name := element.get("id"))}
+        vertices = own.get(given.get("source", "").removeprefix("#"))
+        position = None if vertices is None else vertices.find("input[@semantic='POSITION']")
+        source = None if position is None else own.get(position.get("source", "").removeprefix("#"))
+        if source is None:
+            raise broken(f"expected vertices with a POSITION, got {shown(given.get('source', ''))}")
+        numbers = source.find("float_array")
+        accessor = source.find("technique_common/accessor")
+        if numbers is None or accessor is None:
+            raise broken("expected a float_array and its accessor of every POSITION")
+        values = reals_of((numbers.text or "").encode())
+        stride, offset = (
+            _whole(accessor, "stride", 1, 1000),
+            _whole(accessor, "offset", 0, len(values) + 1),
+        )
+        count = _whole(accessor, "count", 0, len(values) + 1)
+        if stride < 3 or offset + count * stride > len(values):
+            raise broken(
+                f"its POSITION declares {count} corners of {stride} numbers, and has {len(values)}"
+            )
+        return values[offset : offset + count * stride].reshape(-1, stride)[:, :3]
+
+
+def _whole(element: Element, name: str, default: int, most: int) -> int:
+    """A whole number from 0 to below ``most`` in an attribute. Raises InvalidInput."""
+    text = element.get(name, str(default)).strip()
+    if not (text.isascii() and text.isdigit() and len(text) < 19 and int(text) < most):
+        raise broken(f"{name}: expected a whole number below {most}, got {shown(text)}")
+    return int(text)
+
+
+def _matrix(node: Element) -> Array:
+    """Where a node is in the one above it, shape (4, 4): its transformations in their order."""
+    place = np.eye(4)
+    for each in node:
+        if each.tag in ("matrix", "translate", "rotate", "scale"):
+            place = place @ _transformation(each.tag, reals_of((each.text or "").encode()))
+        elif each.tag in ("lookat", "skew"):
+            raise InvalidInput(
+                f"expected a mesh: expected nodes that are moved, turned and scaled, got {each.tag}"
+            )
+    return place
+
+
+def _transformation(tag: str, numbers: Array) -> Array:
+    if tag == "matrix":
+        return checked_matrix(numbers)
+    if len(numbers) != (4 if tag == "rotate" else 3) or not np.all(np.isfinite(numbers)):
+        raise broken(
+            f"{tag}: expected {4 if tag == 'rotate' else 3} numbers, got {shown(numbers.tolist())}"
+        )
+    place = np.eye(4)
+    if tag == "translate":
+        place[:3, 3] = numbers
+    elif tag == "scale":
+        place[:3, :3] = np.diag(numbers)
+    elif np.any(numbers[:3]):
+        axis, angle = numbers[:3] / np.linalg.norm(numbers[:3]), np.deg2rad(numbers[3])
+        across = np.array(
+            [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
+        )
+        place[:3, :3] += np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
+    return place

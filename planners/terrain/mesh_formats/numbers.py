@@ -1,0 +1,133 @@
+"""Numbers of mesh files: text as arrays, polygons and strips as triangles, each held against what is there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidInput
+from ...files.arrays import Array
+from ...files.validation import shown
+
+Triangles: TypeAlias = NDArray[np.int_]
+Surface: TypeAlias = tuple[Array, Triangles]
+"""Corners, shape (V, 3), in the file's unit, and triangles, shape (T, 3), of corners' numbers."""
+Reader: TypeAlias = Callable[[bytes, int], Surface]
+"""A function of a file's bytes and of the most triangles that are wanted."""
+
+MOST_TRIANGLES = 3_000_000
+"""Most triangles of any mesh, a robot's or a terrain's, unless fewer are wanted."""
+BLOCK = 1 << 20
+"""Bytes of text that become objects of Python at once."""
+LONGEST = 400
+"""Letters of a number at most."""
+
+
+def broken(reason: str) -> InvalidInput:
+    """The error for a file that is damaged."""
+    return InvalidInput(f"expected a mesh: {reason}")
+
+
+def check_count(count: int, most: int) -> None:
+    """Raise InvalidInput for more triangles than are wanted."""
+    if count > most:
+        raise InvalidInput(
+            f"expected {most} triangles or fewer (most_triangles), got {count}; simplify it"
+        )
+
+
+def blocks(text: bytes, end: bytes) -> Iterator[bytes]:
+    """Pieces of a text, each of about ``BLOCK`` bytes and complete up to an ``end``, a regular expression."""
+    border, at = re.compile(end), 0
+    while at < len(text):
+        found = border.search(text, at + BLOCK)
+        stop = len(text) if found is None else found.end()
+        yield text[at:stop]
+        at = stop
+
+
+def reals(tokens: Iterable[bytes]) -> Array:
+    """Tokens as numbers, shape (K,). Raises InvalidInput for one that is no number."""
+    return np.array([_real(token) for token in tokens], dtype=np.float64)
+
+
+def wholes(tokens: Iterable[bytes]) -> NDArray[np.int64]:
+    """Tokens as whole numbers, shape (K,). Raises InvalidInput for one that is none, or is beyond 64 bits."""
+    some = list(tokens)
+    try:
+        return np.array([int(token) for token in some], dtype=np.int64)
+    except (ValueError, OverflowError):
+        raise broken(f"expected whole numbers, got {shown(_first_odd(some, int))}") from None
+
+
+def reals_of(text: bytes) -> Array:
+    """Numbers with blanks between them, shape (K,)."""
+    return np.concatenate([np.zeros(0), *(reals(piece.split()) for piece in blocks(text, rb"\s"))])
+
+
+def wholes_of(text: bytes) -> NDArray[np.int64]:
+    """Whole numbers with blanks between them, shape (K,)."""
+    return np.concatenate(
+        [np.zeros(0, dtype=np.int64), *(wholes(piece.split()) for piece in blocks(text, rb"\s"))]
+    )
+
+
+def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Triangles:
+    """Polygons as triangles about their first corners, shape (T, 3).
+
+    counts: corners per polygon, shape (F,). corners: of all polygons in a row, shape (sum of counts,).
+    """
+    pieces = np.maximum(counts - 2, 0)
+    check_count(int(pieces.sum()), most)
+    face = np.repeat(np.arange(len(counts)), pieces)
+    step = np.arange(len(face)) - (np.cumsum(pieces) - pieces)[face]
+    first = (np.cumsum(counts) - counts)[face]
+    return np.asarray(
+        corners[np.stack([first, first + step + 1, first + step + 2], axis=1)], dtype=np.int_
+    )
+
+
+def strip(corners: NDArray[np.int64], most: int) -> Triangles:
+    """The triangles of a strip, each from three corners in a row, every second one turned round, shape (T, 3)."""
+    check_count(max(len(corners) - 2, 0), most)
+    found = (
+        np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+        if len(corners) > 2
+        else np.zeros((0, 3))
+    )
+    found[1::2] = found[1::2, ::-1]
+    return np.asarray(found, dtype=np.int_)
+
+
+def joined(pieces: Iterable[Surface]) -> Surface:
+    """Several surfaces as one."""
+    corners, triangles, start = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int_)], 0
+    for points, faces in pieces:
+        corners.append(points)
+        triangles.append(faces + start)
+        start += len(points)
+    return np.concatenate(corners), np.concatenate(triangles)
+
+
+def _real(token: bytes) -> float:
+    try:
+        if len(token) <= LONGEST:
+            return float(token)
+    except ValueError:
+        pass
+    raise broken(f"expected numbers, got {shown(token[:40].decode(errors='replace'))}")
+
+
+def _first_odd(tokens: Iterable[bytes], kind: Callable[[bytes], int]) -> str:
+    for token in tokens:
+        try:
+            if abs(kind(token)) < 2**63:
+                continue
+        except ValueError:
+            pass
+        return token[:40].decode(errors="replace")
+    return ""

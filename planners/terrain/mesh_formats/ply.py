@@ -1,0 +1,256 @@
+"""PLY files, text and binary of either byte order: vertices and faces; without faces they are clouds."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...files.arrays import Array
+from .numbers import MOST_TRIANGLES, Surface, broken, check_count, fans, reals, wholes
+
+HEAD_BYTES = 65_536
+"""Bytes within which a header ends."""
+MOST_PROPERTIES = 200
+ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
+KINDS = {
+    b"char": "i1", b"int8": "i1", b"uchar": "u1", b"uint8": "u1", b"short": "i2", b"int16": "i2", b"ushort": "u2",
+    b"uint16": "u2", b"int": "i4", b"int32": "i4", b"uint": "u4", b"uint32": "u4", b"float": "f4", b"float32": "f4",
+    b"double": "f8", b"float64": "f8",
+}  # fmt: skip
+REALS = (b"float", b"float32", b"double", b"float64")
+FACES = (b"vertex_indices", b"vertex_index")
+ROWS = 50_000
+"""Lines of text that become objects of Python at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Property:
+    """A column: its type, and the type of its length where it is a list."""
+
+    name: bytes
+    kind: str
+    length: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Element:
+    name: bytes
+    count: int
+    properties: list[_Property] = field(default_factory=list)
+
+    @property
+    def least(self) -> int:
+        """Bytes that one row of a binary file has at least."""
+        return sum(np.dtype(each.length or each.kind).itemsize for each in self.properties)
+
+    @property
+    def xyz(self) -> list[int]:
+        """The numbers of the columns x, y and z. Raises InvalidInput unless each is there, and none is a list."""
+        names = [each.name for each in self.properties]
+        if any(each.length for each in self.properties) or not all(
+            names.count(axis) == 1 for axis in (b"x", b"y", b"z")
+        ):
+            raise broken("expected vertices of numbers, x, y and z among them")
+        return [names.index(axis) for axis in (b"x", b"y", b"z")]
+
+    @property
+    def polygons(self) -> int:
+        """The number of the column that lists the corners of a face. Raises InvalidInput where there is none."""
+        found = [k for k, each in enumerate(self.properties) if each.name in FACES and each.length]
+        if len(found) != 1 or self.properties[found[0]].kind[0] == "f":
+            raise broken("expected faces with a list of vertex_indices")
+        return found[0]
+
+
+def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
+    """Vertices and faces, none where the file has none. Raises InvalidInput."""
+    order, elements, start = _header(content)
+    check_count(sum(element.count for element in elements if element.name == b"face"), most)
+    lines = [line for line in content[start:].splitlines() if line.strip()] if not order else []
+    corners, triangles, at = None, np.zeros((0, 3), dtype=np.int_), 0 if not order else start
+    for element in elements:
+        if (
+            element.count > (len(content) - at) // max(element.least, 1)
+            if order
+            else element.count > len(lines) - at
+        ):
+            raise broken(
+                f"its header declares {element.count} of {element.name.decode()}, more than it has bytes for"
+            )
+        if element.name == b"vertex":
+            corners = (
+                _rows(content, at, element, order)
+                if order
+                else _text_rows(lines[at : at + element.count], element)
+            )
+        if element.name == b"face" and element.count:
+            wanted = element.polygons
+            if order:
+                counts, numbers, at = _lists(content, at, element, order, wanted)
+            else:
+                counts, numbers = _text_lists(lines[at : at + element.count], element, wanted)
+            triangles = fans(counts, numbers, most)
+        elif order:
+            at = _after(content, at, element, order)
+        if not order:
+            at += element.count
+    if corners is None:
+        raise broken("expected an element vertex in its header")
+    return corners, triangles
+
+
+def _header(content: bytes) -> tuple[str, list[_Element], int]:
+    """Byte order, empty for text; the elements; and the byte at which they begin."""
+    end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\r|\n|\Z)", content[:HEAD_BYTES])
+    if end is None or not re.match(rb"(\xef\xbb\xbf)?ply\s", content):
+        raise broken("expected a header from ply to end_header")
+    order, elements = None, list[_Element]()
+    for line in content[: end.start()].splitlines()[1:]:
+        parts = line.split()
+        if not parts or parts[0] in (b"comment", b"obj_info"):
+            continue
+        if parts[0] == b"format" and len(parts) > 1 and parts[1] in ORDERS:
+            order = ORDERS[parts[1]]
+        elif parts[0] == b"element" and len(parts) == 3 and re.fullmatch(rb"\d{1,18}", parts[2]):
+            elements.append(_Element(name=parts[1], count=int(parts[2])))
+        elif (
+            parts[0] == b"property" and elements and len(elements[-1].properties) < MOST_PROPERTIES
+        ):
+            elements[-1].properties.append(_property(parts[1:]))
+        else:
+            raise broken(
+                f"its header has a line that is none of PLY's: {line[:40].decode(errors='replace')!r}"
+            )
+    if order is None:
+        raise broken(
+            "expected a format of ascii, binary_little_endian or binary_big_endian in its header"
+        )
+    if len({element.name for element in elements}) < len(elements):
+        raise broken("its header declares an element twice")
+    return order, elements, end.end()
+
+
+def _property(parts: list[bytes]) -> _Property:
+    if len(parts) == 2 and parts[0] in KINDS:
+        return _Property(name=parts[1], kind=KINDS[parts[0]])
+    if len(parts) == 4 and parts[0] == b"list" and parts[1] in KINDS and parts[2] in KINDS and parts[1] not in REALS:
+        return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
+    raise broken(
+        f"its header has a property that is none of PLY's: {b' '.join(parts)[:40].decode(errors='replace')!r}"
+    )
+
+
+def _rows(content: bytes, at: int, element: _Element, order: str) -> Array:
+    """The columns x, y and z of binary rows without lists, shape (count, 3)."""
+    offsets = np.cumsum([0, *(np.dtype(each.kind).itemsize for each in element.properties)])
+    found = np.zeros((element.count, 3))
+    for k, column in enumerate(element.xyz):
+        kind = np.dtype({
+            "names": ["value"], "formats": [order + element.properties[column].kind], "offsets": [int(offsets[column])],
+            "itemsize": element.least,
+        })  # fmt: skip
+        found[:, k] = np.frombuffer(content, dtype=kind, count=element.count, offset=at)["value"]
+    return found
+
+
+def _after(content: bytes, at: int, element: _Element, order: str) -> int:
+    """The byte after the rows of an element."""
+    if not any(each.length for each in element.properties):
+        return at + element.count * element.least
+    return _lists(content, at, element, order, -1)[2]
+
+
+def _lists(
+    content: bytes, at: int, element: _Element, order: str, wanted: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Lengths and values of one column of lists, and the byte after the rows. Raises InvalidInput past the end."""
+    even = _even_lists(content, at, element, order, wanted)
+    if even is not None:
+        return even
+    kinds = [
+        (each.length and np.dtype(order + each.length), np.dtype(order + each.kind))
+        for each in element.properties
+    ]
+    counts, parts = list[int](), list[bytes]()
+    for _ in range(element.count):
+        for k, (length, kind) in enumerate(kinds):
+            n = 1
+            if length:
+                n = int.from_bytes(
+                    content[at : at + length.itemsize],
+                    "big" if order == ">" else "little",
+                    signed=length.kind == "i",
+                )
+                at += length.itemsize
+            stop = at + n * kind.itemsize
+            if n < 0 or stop > len(content):
+                raise broken("a face has more corners than it has bytes for")
+            if k == wanted:
+                counts.append(n)
+                parts.append(content[at:stop])
+            at = stop
+    values = np.frombuffer(b"".join(parts), dtype=kinds[wanted][1])
+    return np.array(counts, dtype=np.int64), values.astype(np.int64), at
+
+
+def _even_lists(
+    content: bytes, at: int, element: _Element, order: str, wanted: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int] | None:
+    """The same of rows whose lists are as long as the first row's; None for others."""
+    lists = [k for k, each in enumerate(element.properties) if each.length]
+    if len(lists) != 1 or not element.count:
+        return None
+    its = element.properties[lists[0]]
+    head = sum(np.dtype(each.kind).itemsize for each in element.properties[: lists[0]])
+    size = np.dtype(its.length).itemsize
+    if at + head + size > len(content):
+        return None
+    first = int(np.frombuffer(content, dtype=order + its.length, count=1, offset=at + head)[0])
+    row = element.least + first * np.dtype(its.kind).itemsize
+    if first < 0 or element.count * row > len(content) - at:
+        return None
+    kind = np.dtype({
+        "names": ["length", "values"], "formats": [order + its.length, (order + its.kind, (first,))],
+        "offsets": [head, head + size], "itemsize": row,
+    })  # fmt: skip
+    rows = np.frombuffer(content, dtype=kind, count=element.count, offset=at)
+    if np.any(rows["length"] != first):
+        return None
+    values = rows["values"].astype(np.int64).ravel() if wanted >= 0 else np.zeros(0, dtype=np.int64)
+    return np.full(element.count, first, dtype=np.int64), values, at + element.count * row
+
+
+def _text_rows(lines: list[bytes], element: _Element) -> Array:
+    columns, parts = element.xyz, [np.zeros((0, 3))]
+    for k in range(0, len(lines), ROWS):
+        rows = [line.split() for line in lines[k : k + ROWS]]
+        if any(len(row) < len(element.properties) for row in rows):
+            raise broken(f"expected {len(element.properties)} numbers per vertex")
+        parts.append(reals(row[column] for row in rows for column in columns).reshape(-1, 3))
+    return np.concatenate(parts)
+
+
+def _text_lists(
+    lines: list[bytes], element: _Element, wanted: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    counts, values = list[int](), [np.zeros(0, dtype=np.int64)]
+    for k in range(0, len(lines), ROWS):
+        found = list[bytes]()
+        for line in lines[k : k + ROWS]:
+            row, at = line.split(), 0
+            for column, each in enumerate(element.properties):
+                stop = at + 1
+                if each.length:
+                    n = int(wholes(row[at:stop])[0]) if at < len(row) else -1
+                    at, stop = at + 1, at + 1 + n
+                if stop < at or stop > len(row):
+                    raise broken("expected as many corners per face as its line declares")
+                if column == wanted:
+                    counts.append(stop - at)
+                    found += row[at:stop]
+                at = stop
+        values.append(wholes(found))
+    return np.array(counts, dtype=np.int64), np.concatenate(values)
