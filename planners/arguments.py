@@ -9,7 +9,7 @@ from dataclasses import fields
 from numbers import Integral, Real
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
-from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, ParamSpec, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def settings_from(kind: type[Settings], given: Mapping[str, Any], *, beside: Seq
     Raises:
         InvalidInput: for a name that no field has, and a value that its field does not allow.
     """
-    hints = _hints(kind)
+    hints = _hints(cast(Any, kind))
     known = [*beside, *(field.name for field in fields(kind))]  # type: ignore[arg-type]
     for name, value in given.items():
         if name not in known or name in beside:
