@@ -44,7 +44,7 @@ class ShowTerrain:
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page in three dimensions that a browser opens from disk (extra viz)."""
     json: bool = False
-    """One JSON object: patches, areas, what was refused and why."""
+    """One JSON object: patches, areas, what was refused and why, which axes of a file became x, y and z."""
 
     def run(self) -> int:
         """Read, find footholds, draw, say."""
@@ -60,14 +60,22 @@ class ShowTerrain:
             from stancekit.views.page import write_page
 
             write_page(self.html, foothold_motion(found))
+        axes = dict(zip("xyz", self.file.options().axes, strict=True)) if self._is_file else {}
         if self.json:
-            emit(found.to_json())
+            emit({**found.to_json(), **({"axes": axes} if axes else {})})
             return 0
-        out.print(_table(found))
+        table = _table(found)
+        if self.file.up != "z" and axes:
+            table.add_row("axes", ", ".join(f"{axis} is the file's {own}" for axis, own in axes.items()))
+        out.print(table)
         for path in (self.picture, self.html):
             if path is not None:
                 out.print(f"wrote {path}", highlight=False)
         return 0
+
+    @property
+    def _is_file(self) -> bool:
+        return Path(self.terrain).exists() and ".py" not in self.terrain
 
     def _found(self) -> Footholds:
         from stancekit.planners.robot.robot_file import named_robot
@@ -76,7 +84,7 @@ class ShowTerrain:
 
         limits = self.footholds.limits(None if self.robot is None else named_robot(self.robot))
         with in_options():
-            if Path(self.terrain).exists() and ".py" not in self.terrain:
+            if self._is_file:
                 return read_footholds(self.terrain, self.file.options(), limits)
             field_ = self.file.read(self.terrain)
             return footholds_of(ElevationMap.of_field(field_), limits)

@@ -79,9 +79,14 @@ class ImportOptions:
 
     def placed(self, points: Array) -> Array:
         """Points of the file, shape (K, 3), in the world's frame [m]: unit, then axis, then offset."""
-        turn = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}[self.up]  # axes change places in a circle: no mirror
+        turn = [UPS.index(axis) for axis in self.axes]
         with np.errstate(over="ignore"):  # what is too far away is refused by its readers
             return np.asarray(self.unit_m * points[:, turn] + np.asarray(self.offset_m, dtype=np.float64))
+
+    @property
+    def axes(self) -> str:
+        """The file's axes that become x, y and z of the world: they change places in a circle, which is no mirror."""
+        return {"x": "yzx", "y": "zxy", "z": "xyz"}[self.up]
 
     @property
     def box_m(self) -> Array:

@@ -179,3 +179,48 @@ def test_the_command_as_a_process_takes_a_broken_mesh(tmp_path: Path) -> None:
             text=True,
         )
         one_line(done.returncode, done.stderr)
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z"])
+def test_where_the_axes_of_a_file_went_is_said(tmp_path: Path, up: str) -> None:
+    low = np.zeros(3)
+    high = np.array([1.0, 2.0, 3.0])
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box(bounds=[low, high]).export(tmp_path / "box.stl")
+    code, out, _ = command(
+        ("terrain", str(tmp_path / "box.stl"), "--up", up, "--json", "--margin-m", "0")
+    )
+    answer = json.loads(out)
+    assert code == 0
+    assert answer["axes"]["z"] == up
+    corners = np.concatenate([patch["vertices_m"] for patch in answer["patches"]])
+    lengths = [high["xyz".index(answer["axes"][axis])] for axis in "xyz"]
+    assert np.ptp(corners, axis=0)[:2] == pytest.approx(lengths[:2], abs=1e-6)
+    assert corners[:, 2] == pytest.approx(lengths[2], abs=1e-6)
+    _, out, _ = command(("terrain", str(tmp_path / "box.stl"), "--up", up))
+    words = ", ".join(f"{axis} is the file's {own}" for axis, own in answer["axes"].items())
+    assert (words in out) == (up != "z")
+    code, out, _ = command(("terrain", "ripple", "--json"))
+    assert (code, "axes" in json.loads(out)) == (0, False)
+
+
+def test_a_mesh_that_is_broken_or_flat_is_a_doubt_that_names_link_and_file(tmp_path: Path) -> None:
+    (tmp_path / "cut.ply").write_bytes(CUT_OFF)
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "body.step").write_text("ISO-10303-21;")
+    for name, why in (
+        ("cut.ply", "'cut.ply': expected a mesh"),
+        ("flat.obj", "'flat.obj': expected corners around a volume, got a flat one"),
+        (
+            "body.step",
+            "'body.step': expected a mesh that ends in .stl, .obj, .ply, .dae, .off, .glb, got .step",
+        ),
+    ):
+        robot = with_mesh(tmp_path / "robot.urdf", _base(), name)
+        code, out, err = command(("robot", str(robot), "--json"))
+        assert (code, err) == (0, "")
+        doubts = [each for each in json.loads(out)["doubts"] if "has no body" in each]
+        assert len(doubts) == 1
+        assert doubts[0].startswith(f"link {_base()}: has no body, mesh {why}")
+        assert "\n" not in doubts[0]
+        assert str(tmp_path) not in doubts[0]
