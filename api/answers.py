@@ -8,6 +8,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import RecheckReport, recheck
 from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
 from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem import PostureProblem
@@ -22,8 +23,6 @@ from stancekit.planners.verify import (
 )
 from stancekit.planners.verify import explain as explain_proof
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
-
-from .arguments import checked
 
 
 @checked

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked as checked_number
@@ -21,8 +23,6 @@ from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.methods import PlannerOptions, Relaxation, make_course_planner, through_verifier
 from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
 
-from .arguments import checked
-
 
 @checked
 def plan(
@@ -34,7 +34,7 @@ def plan(
     reserve: bool = True,
     relaxation: Relaxation | None = None,
     envelopes: EnvelopeSet | Modes | None = None,
-    projection: Projection = "scp",
+    projection: Projection | None = None,
     torque_nm: float | None = None,
     torque_share: float = 0.9,
     clearance_m: float = 0.005,
@@ -54,8 +54,8 @@ def plan(
             YAML file only.
         reserve: plan with 80 % of the friction where that has a plan, else 90 %, else all of it; two-stage only.
         relaxation, envelopes: first stage of two-stage: the lift, or learned boxes, or modes that it switches between.
-        projection: second stage of two-stage and micp: "scp", "fix-p", "fix-toes", "fix-f", "nlp", the name of one that
-            a package registered under ``stancekit.projections``, or "FILE.py:NAME".
+        projection: second stage of two-stage and micp: "scp" (where None), "fix-p", "fix-toes", "fix-f", "nlp", the
+            name of one that a package registered under ``stancekit.projections``, or "FILE.py:NAME".
         torque_nm: no joint is to take more, whatever it has [Nm]; None: what the robot's own file says, if it has one.
         torque_share: a plan that asks for more torque than there is is bent until this share of it is enough.
         clearance_m: where links go through each other or the terrain, at key frames or between them, a plan is bent
@@ -93,13 +93,12 @@ def plan(
         question = course
     limits = WholeBodyLimits(torque_nm=torque_nm, share=torque_share, clearance_m=clearance_m)
     chosen = planner
+    options = PlannerOptions(relaxation=relaxation, envelopes=envelopes, projection=projection)
     if isinstance(chosen, str):
-        options = PlannerOptions(
-            relaxation=relaxation, envelopes=envelopes, projection=projection, time_limit_s=time_limit_s,
-            programs=Programs(engine=engine),
-        )  # fmt: skip
-        chosen = make_course_planner(chosen, options)
+        programs = Programs(engine=engine)
+        chosen = make_course_planner(chosen, replace(options, time_limit_s=time_limit_s, programs=programs))
     else:
+        options.check_used("a planner that was made before", ())
         chosen = through_verifier(chosen)
     shares = None if reserve else ALL_FRICTION
     return plan_course(question, chosen, shares=shares, limits=limits, deadline=deadline)

@@ -14,6 +14,7 @@ from stancekit.planners.answer import plan_file, proof_file
 from stancekit.planners.answer.answer_file import read_envelopes, read_modes, read_problems, write_boxes
 from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml
 from stancekit.planners.files.validation import shown
@@ -30,8 +31,6 @@ from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
-
-from .arguments import checked
 
 Kind = TypeVar("Kind")
 Proof = tuple[PostureProblem | Course, Certificate]

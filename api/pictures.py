@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from stancekit.planners.answer.outcome import Certificate, Posture
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem import PostureProblem
@@ -18,8 +19,6 @@ from stancekit.views.gaits import draw_motion
 from stancekit.views.plans import draw_plan
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save
-
-from .arguments import checked
 
 
 @checked

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from stancekit.planners.answer.outcome import Outcome
+from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.search.methods import PlannerOptions, make_planner
+from stancekit.planners.search.methods import PlannerOptions, Solver, make_planner
 
-from .arguments import Sampler, checked
+MADE = "a planner that was made before"
 
 MOST_PROBLEMS = 1_000_000
 """Problems drawn into memory at once."""
@@ -56,13 +59,12 @@ def sample(
         ('RF', 'RR', 'LM')
     """
     checked_int(count, "count", least=1, most=MOST_PROBLEMS)
-    if isinstance(problems, str):
-        from stancekit.envs.distributions.postures import distribution  # loads Gymnasium
+    from stancekit.envs.distributions.postures import distribution_of  # loads Gymnasium
 
-        problems = distribution(problems, robot=robot, terrain=terrain)
+    source = distribution_of(problems, robot=robot, terrain=terrain)
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")
-    source, drawn = problems, np.random.default_rng(rng)
+    drawn = np.random.default_rng(rng)
     return [source.sample(drawn) for _ in range(count)]
 
 
@@ -73,9 +75,9 @@ def solve(
     *,
     envelopes: EnvelopeSet | None = None,
     projection: Projection | None = None,
-    solver: Literal["highs", "scip", "gurobi"] = "highs",
+    solver: Solver = "highs",
     intervals: int = 4,
-    time_limit_s: float = 30.0,
+    time_limit_s: float | None = None,
     engine: Literal["rows", "cvxpy"] = "rows",
 ) -> Outcome:
     """Can the robot hold this posture, and how?
@@ -90,14 +92,15 @@ def solve(
         projection: stage P2 after p1, lift and two-stage: "fix-p", "fix-f", "fix-toes", "scp", "nlp" or
             "lift-fix-p".
         solver, intervals: of micp's grid, whose axes have so many pieces, a power of two.
-        time_limit_s: for exact, nlp and micp; what is not decided by then is undecided [s].
+        time_limit_s: for exact, nlp and micp; what is not decided by then is undecided; 30 where None [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
     Returns:
         An ``Outcome``: feasible with a posture, or infeasible with a certificate, each accepted by the verifier; else
         undecided. The status speaks of the problem itself, whatever relaxation was solved.
     Raises:
-        InvalidInput: for an unknown method, envelopes that are missing or were learned for other problems, a solver
-            that is not installed.
+        InvalidInput: for an unknown method, an option that the method has no use for (a planner that was made before
+            has use for none), envelopes that are missing or were learned for other problems, and a solver that is not
+            installed.
     Source:
         Paper E §II (P, E1-E11), §III (P1, P2).
     Example:
@@ -109,11 +112,12 @@ def solve(
     """
     if envelopes is not None:
         envelopes.check_fits(problem)
-    planner = method
-    if isinstance(planner, str):
-        options = PlannerOptions(
-            envelopes=envelopes, projection=projection, solver=solver, intervals=intervals,
-            time_limit_s=time_limit_s, programs=Programs(engine=engine),
-        )  # fmt: skip
-        planner = make_planner(planner, options)
-    return planner.solve(problem)
+    options = PlannerOptions(
+        envelopes=envelopes, projection=projection, solver=solver, intervals=intervals, time_limit_s=time_limit_s
+    )
+    if isinstance(method, str):
+        return make_planner(method, replace(options, programs=Programs(engine=engine))).solve(problem)
+    options.check_used(MADE, ())
+    if engine != "rows":
+        raise InvalidInput(f"engine: expected none for {MADE}, which has no use for it, got {engine!r}")
+    return method.solve(problem)

@@ -9,22 +9,22 @@ from typing import Literal, overload
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.envs.distributions.postures import Distribution, OwnDistribution, PostureDistribution
+from stancekit.envs.distributions.postures import distribution_of
 from stancekit.learners.data.labelling import label as labelled
 from stancekit.learners.data.origin import check_unseen
 from stancekit.learners.evaluation.evaluate import Score, check_same_class
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.learners.settings import typed
 from stancekit.learners.training.fit_settings import FitSettings
 from stancekit.learners.training.fitting import learn
+from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.validation import typed
+from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
-
-from .arguments import Sampler, checked
 
 
 @checked
@@ -65,25 +65,21 @@ def label(
         >>> len(train), train.labels[0] in ("feasible", "infeasible")
         (12, True)
     """
-    name, source = (problems, None) if isinstance(problems, str) else _named(problems)
-    asked = None
+    name, source, asked = problems, None, None
+    if not isinstance(problems, str):
+        source = distribution_of(problems, robot=robot, terrain=terrain)
+        name = source.name
     if proposers is not None:
         from stancekit.learners.proposers.proposer import Proposers  # loads torch
 
         asked = Proposers.load(proposers)
     plan = LabelPlan(
-        distribution=name, feasible=feasible, infeasible=infeasible, natural=natural, seed=seed,
+        distribution=str(name), feasible=feasible, infeasible=infeasible, natural=natural, seed=seed,
         robot=None if robot is None else str(robot), terrain=None if terrain is None else str(terrain),
         proposers=None if asked is None else asked.digest,
     )  # fmt: skip
     labelled(plan, folder, workers=workers, source=source, proposers=asked)
     return Dataset.open(folder)
-
-
-def _named(thing: Sampler) -> tuple[str, Distribution]:
-    """Something that draws, as a distribution with a name."""
-    name = str(getattr(thing, "name", type(thing).__name__))
-    return name, thing if isinstance(thing, PostureDistribution) else OwnDistribution(thing, name)
 
 
 Rows = Dataset | str | Path

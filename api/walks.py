@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.method.attempt import Attempt
@@ -17,8 +18,6 @@ from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import named_terrain
-
-from .arguments import checked
 
 
 @checked

@@ -129,10 +129,10 @@ class Fit:
 
     def _settings(self) -> FitSettings:
         """The options and what the configuration file adds. Raises InvalidInput."""
-        from stancekit.learners.settings import typed
         from stancekit.learners.training.fit_settings import FitSettings
         from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.files.documents import read_yaml
+        from stancekit.planners.files.validation import typed
 
         checked_int(self.seed, "--seed", least=0)
         if not 0.0 <= self.threshold < 1.0:

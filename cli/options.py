@@ -30,7 +30,7 @@ def check_planner(verb: Any, by: str, known: Collection[str], uses: Mapping[str,
     verb: has time_limit_s, intervals, and under ``by`` its planner. uses: which planners of those known an option is
     for, where it is not for all.
     """
-    if not 0.0 < verb.time_limit_s <= LONGEST_S:
+    if verb.time_limit_s is not None and not 0.0 < verb.time_limit_s <= LONGEST_S:
         raise InvalidInput(f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {verb.time_limit_s:g}")
     if verb.intervals > MOST_INTERVALS:
         raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {verb.intervals}")

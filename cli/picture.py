@@ -58,7 +58,10 @@ class Picture:
                 raise InvalidInput(f"{where}: {error}") from None
         caption, why, posture, chosen, status = "", "", None, 0, None
         if self.method != "none":
-            options = PlannerOptions(envelopes=envelopes, projection=self.projection)
+            staged, boxed = self.method in ("lift", "two-stage"), self.method == "two-stage"
+            options = PlannerOptions(
+                envelopes=envelopes if boxed else None, projection=self.projection if staged else None
+            )
             outcome = make_planner(self.method, options).solve(problem)
             posture, status = outcome.posture, outcome.status.value
             chosen = int(outcome.details.get("chosen", 0))

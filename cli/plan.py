@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
     from stancekit.planners.robot.contact_robot import Sets
     from stancekit.planners.search.answer import CoursePlanner
+    from stancekit.planners.search.plan_course import LayOut
     from stancekit.planners.verify import Report
 
 OF_PLANNERS = {
@@ -123,15 +124,13 @@ class PlanCourse:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.answer.outcome import Status
         from stancekit.planners.answer.proof_file import write_proof
-        from stancekit.planners.files.arrays import checked
         from stancekit.planners.search.plan_course import ALL_FRICTION, plan_course
 
         deadline = time.perf_counter() + self.time_limit_s
         self._check()
-        checked(self.time_limit_s, "--time-limit-s", least=0.0)
         planner = self._planner()
         first = self._laid_out("inner")
-        question = first if self.course.endswith(".json") else self._laid_out
+        question: Course | LayOut = first if self.course.endswith(".json") else self._laid_out
         with progress(f"plan {first.name} by {self.planner}"):
             outcome = plan_course(
                 question, planner, shares=None if self.reserve else ALL_FRICTION, limits=self._limits(),

@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress, text_of
 from .names import PROJECTION, named
-from .options import OptionalPath, OptionalText, check_planner
+from .options import OptionalFloat, OptionalPath, OptionalText, check_planner
 
 if TYPE_CHECKING:
     from stancekit.planners.problem import PostureProblem
@@ -27,6 +27,7 @@ OF_METHODS = {
     "projection": ("p1", "lift", "two-stage"),
     "solver": ("micp",),
     "intervals": ("micp",),
+    "time_limit_s": ("exact", "nlp", "micp"),
 }
 """Which methods an option is for, where it is not for all."""
 SETTINGS = ("method", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
@@ -63,8 +64,9 @@ class Solve:
     """Solver of micp."""
     intervals: int = 4
     """Pieces of each axis in micp's grid, a power of two."""
-    time_limit_s: float = 30.0
-    """Limit a problem for exact, nlp and micp; what is not decided by then is undecided [s]."""
+    time_limit_s: OptionalFloat = None
+    """Limit a problem for exact, nlp and micp (30 unless another is given); what is not decided by then is undecided
+    [s]."""
     engine: Literal["rows", "cvxpy"] = "rows"
     """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as paper E has them."""
     certificate: bool = False

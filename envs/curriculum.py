@@ -96,7 +96,7 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
     def step(self, action: np.int64) -> tuple[Features, float, bool, bool, dict[str, Any]]:
         """Go on; at the end of an episode the level of its family changes."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        arrived = bool(terminated and info["feasible"] and info["frame"] == self._last)
+        arrived = bool(info["is_success"])
         info = self._told(info, arrived)
         if terminated or truncated:
             self._learn(arrived)

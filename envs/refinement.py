@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Unpack
 
 import gymnasium as gym
@@ -10,6 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Status
+from stancekit.planners.arguments import settings_from
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -19,15 +21,37 @@ from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
-from .distributions.postures import Distribution
+from .episodes import check_options, checked_render_mode, checked_seed
 from .sampling import MAX_DRAWS
-from .scene_sources import SceneOptions, SceneSettings
-from .scenes import Scene, SceneKind
+from .scene_sources import Problem, SceneOptions, SceneSettings
+from .scenes import Scene
 from .selection_task import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
 _ROOM = 4.0  # bound on non-dimensional coordinates in an observation
 _COUNT_UNIT = 64.0  # depths and numbers of open boxes are told in this unit
+
+
+class RefinementOptions(SceneOptions, total=False):
+    """Keywords of ``EnvelopeRefinementEnv`` beside its problem; its page has their meaning."""
+
+    projection: Projection
+    budget: int
+    programs: Programs | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RefinementSettings(SceneSettings):
+    """``RefinementOptions`` with their defaults. Raises InvalidInput."""
+
+    projection: Projection = "fix-toes"
+    budget: int = 200
+    programs: Programs | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        PROJECTIONS.get(self.projection)
+        checked_int(self.budget, "budget", least=1)
 
 
 class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
@@ -80,50 +104,43 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     ## Info
 
     After a reset and a step (numeric, fixed shapes): ``solves``, ``open``, ``refuted``, ``depth``, ``verdict``
-    (1 feasible, 0 infeasible, −1 open) and the expert's ``label``.
+    (1 feasible, 0 infeasible, −1 open), ``is_success`` (there is a verdict) and the expert's ``label``.
 
     ## Arguments
 
     | argument | default | meaning |
     |---|---|---|
     | problem | 'wall-3' | as for ``EnvelopeSelectionEnv`` |
-    | projection | 'fix-toes' | the P2 that is tried at every box |
-    | budget | 200 | convex problems an episode |
-    | programs | None | compiled models to share with other environments of this process |
     | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
     | scenes | None | a source, or a labelled data set's folder, whose part "train" is drawn from |
-    | render_mode | None | nothing is drawn |
+    | projection | 'fix-toes' | the P2 that is tried at every box |
+    | budget | 200 | convex problems an episode |
+    | programs | None | compiled models to share with other environments of this process |
+    | render_mode | None | "rgb_array" |
 
     ## Version History
 
     - v0: the first version
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 — Gymnasium's own convention
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
 
     def __init__(
         self,
-        problem: str | Distribution | SceneKind = "wall-3",
+        problem: Problem = "wall-3",
         *,
-        projection: Projection = "fix-toes",
-        budget: int = 200,
-        programs: Programs | None = None,
         render_mode: str | None = None,
-        **options: Unpack[SceneOptions],
+        **options: Unpack[RefinementOptions],
     ) -> None:
-        if render_mode is not None:
-            raise InvalidInput(f"render_mode: expected None, got {render_mode!r}")
-        PROJECTIONS.get(projection)
-        checked_int(budget, "budget", least=1)
-        settings = SceneSettings(**options)
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        settings = settings_from(RefinementSettings, options, beside=("problem", "render_mode"))
         chosen = settings.kind(problem)
-        self.render_mode = render_mode
         self._count = len(chosen.legs)
-        self._projection: Projection = projection
-        self._budget = budget
-        self._programs = programs or Programs()
+        self._projection: Projection = settings.projection
+        self._budget = settings.budget
+        self._programs = settings.programs or Programs()
         self._acceptance = Acceptance()
         self._scenes = settings.source(chosen, self._programs)
         self._scene: Scene | None = None
@@ -136,7 +153,8 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Draw scenes until one is not settled by its first box. Raises PlanningFailed after MAX_DRAWS."""
-        super().reset(seed=seed)
+        check_options(options)
+        super().reset(seed=checked_seed(seed))
         for _ in range(MAX_DRAWS):
             scene = self._scenes.draw(self.np_random)
             scaled = scene.scaled
@@ -166,6 +184,21 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         cut_off = not ended and search.solves >= self._budget
         return self._observe(search, self._scaled), reward, ended, cut_off, self._info(search, self._scene)
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the scene with the current box, or with the posture where one was found."""
+        if self._search is None or self._scene is None:
+            raise gym.error.ResetNeeded("reset the environment before rendering")
+        from stancekit.views.postures import draw_posture
+        from stancekit.views.sheet import to_rgb
+
+        search = self._search
+        words = {Status.FEASIBLE: "a posture was found", Status.INFEASIBLE: "there is proved to be none"}
+        state = words.get(search.verdict, f"{search.open} boxes are open")
+        box = search.current.box if search.verdict is Status.UNDECIDED else None
+        caption = f"{search.solves} of {self._budget} convex problems: {state}"
+        figure = draw_posture(self._scene.problem, search.posture, envelope=box, caption=caption, why=state)
+        return to_rgb(figure)
+
     def _observe(self, search: BoxSearch, scaled: Scaled) -> Observation:
         node = search.current if search.open else None
         zeros = np.zeros(6 * self._count)
@@ -190,6 +223,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             "depth": search.current.depth if search.open else 0,
             "verdict": verdicts[search.verdict],
             "label": int(scene.feasible),
+            "is_success": int(search.verdict is not Status.UNDECIDED),
         }
 
 

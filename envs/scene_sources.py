@@ -8,10 +8,14 @@ from typing import TypedDict
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.posture import Sampler
 
-from .distributions.postures import Distribution, distribution
+from .distributions.postures import Distribution, distribution_of
 from .sampling import SampledScenes
 from .scenes import SceneKind, SceneSource
+
+Problem = str | Sampler | SceneKind
+"""A distribution by name or as it is, as ``label`` takes it, or the kind of scenes that come from elsewhere."""
 
 
 class SceneOptions(TypedDict, total=False):
@@ -32,10 +36,14 @@ class SceneSettings:
     balanced: bool = True
     scenes: SceneSource | str | Path | None = None
 
-    def kind(self, problem: str | Distribution | SceneKind) -> Distribution | SceneKind:
-        """A distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
-        if not isinstance(problem, SceneKind | Distribution):
-            return distribution(problem, robot=self.robot, terrain=self.terrain)
+    def __post_init__(self) -> None:
+        if self.scenes is not None and not isinstance(self.scenes, str | Path) and not self.balanced:
+            raise InvalidInput("balanced: expected True beside a source of scenes, which draws as it likes, got False")
+
+    def kind(self, problem: Problem) -> Distribution | SceneKind:
+        """The distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
+        if not isinstance(problem, SceneKind):
+            return distribution_of(problem, robot=self.robot, terrain=self.terrain)
         if self.robot is not None or self.terrain is not None:
             raise InvalidInput(f"robot, terrain: expected none beside {problem.name}, which has its own")
         return problem

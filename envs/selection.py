@@ -10,11 +10,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Posture
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.arguments import settings_from
 from stancekit.planners.relaxation.envelope import Envelope
 
-from .distributions.postures import Distribution
-from .scenes import Scene, SceneKind, seen
+from .episodes import check_options, checked_render_mode, checked_seed
+from .scene_sources import Problem
+from .scenes import Scene, seen
 from .selection_task import RewardWeights as RewardWeights
 from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
@@ -66,16 +67,18 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     ## Info
 
-    After a step (numeric, fixed shapes): ``label``, ``p1_feasible``, ``margin``, ``gap``, ``log_volume``, ``chosen``,
-    ``project_<way>`` for every projection asked for, ``reward_<term>``, the expert's ``expert_point`` (N, 6) (zeros
-    where infeasible) and ``expert_lower_bound``, and ``p1_seconds``, ``p2_seconds``, ``expert_seconds``, which stay 0
-    unless ``timing``: a clock in ``info`` would make equal episodes differ.
+    After a reset and a step (numeric, fixed shapes, the same keys): ``label``, ``p1_feasible``, ``p1_right`` (P1 says
+    what the expert says), ``is_success`` (P1 is right and, where the expert has a posture, the first projection reaches
+    one), ``margin``, ``gap``, ``log_volume``, ``chosen``, ``project_<way>`` for every projection asked for,
+    ``reward_<term>``, the expert's ``expert_point`` (N, 6) (zeros where infeasible) and ``expert_lower_bound``, and
+    ``p1_seconds``, ``p2_seconds``, ``expert_seconds``, which stay 0 unless ``timing``: a clock in ``info`` would make
+    equal episodes differ. After a reset all but the label and the expert's is 0.
 
     ## Arguments
 
     | argument | default | meaning |
     |---|---|---|
-    | problem | 'wall-3' | a distribution by name (also ground-k, terrain-k), a YAML file, or "FILE.py:NAME" |
+    | problem | 'wall-3' | a name (also ground-k, terrain-k), a YAML file, "FILE.py:NAME", what has ``sample`` |
     | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
@@ -84,7 +87,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
     | relaxation | 'p1' | 'joint': P1 with the lift, linked (``planners.relaxation.joint``), over one box |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
-    | weights | RewardWeights() | what a step is worth |
+    | weights | RewardWeights() | what a step is worth; or a mapping with some of its keys |
     | backend | 'clarabel' | who solves P1: 'moreau' solves the batches of ``make_vec`` on a CUDA device, see below |
     | timing | False | put seconds into ``info`` |
     | render_mode | None | "rgb_array" or "human" |
@@ -103,15 +106,14 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     def __init__(
         self,
-        problem: str | Distribution | SceneKind = "wall-3",
+        problem: Problem = "wall-3",
         *,
         render_mode: str | None = None,
         **options: Unpack[SelectionOptions],
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        self.render_mode = render_mode
-        self._task = SelectionTask(problem, SelectionSettings(**options))
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        settings = settings_from(SelectionSettings, options, beside=("problem", "render_mode"))
+        self._task = SelectionTask(problem, settings)
         self._scene: Scene | None = None
         self._shown: tuple[Posture | None, Envelope | None] = (None, None)
         self.observation_space: spaces.Space[Any] = self._task.observation_space
@@ -121,13 +123,14 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
         """Draw the next scene."""
-        super().reset(seed=seed)
+        check_options(options)
+        super().reset(seed=checked_seed(seed))
         self._scene = self._task.scenes.draw(self.np_random)
         self._task.check(self._scene)
         self._shown = (None, None)
         if self.render_mode == "human":
             self.render()
-        return seen(self._scene), {}
+        return seen(self._scene), self._task.before(self._scene)
 
     def step(
         self, action: NDArray[np.float32] | np.int64
@@ -145,14 +148,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         """Draw the scene, and after a step the envelope and the posture that P2 found in it."""
         if self._scene is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
-        from stancekit.views.postures import draw_posture
-        from stancekit.views.sheet import to_rgb
-
-        posture, envelope = self._shown
-        label = "feasible" if self._scene.feasible else "infeasible"
-        why = "no posture chosen yet" if envelope is None else "P2 found no posture from this envelope"
-        figure = draw_posture(self._scene.problem, posture, envelope=envelope, caption=f"expert: {label}", why=why)
-        pixels: NDArray[np.uint8] = to_rgb(figure)
+        pixels = picture(self._scene, *self._shown)
         if self.render_mode == "human":
             _show(pixels)
             return None
@@ -162,6 +158,16 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         """Close the window, if there is one."""
         if self.render_mode == "human":
             _hide()
+
+
+def picture(scene: Scene, posture: Posture | None = None, envelope: Envelope | None = None) -> NDArray[np.uint8]:
+    """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in that."""
+    from stancekit.views.postures import draw_posture
+    from stancekit.views.sheet import to_rgb
+
+    label = "feasible" if scene.feasible else "infeasible"
+    why = "no posture chosen yet" if envelope is None else "P2 found no posture from this envelope"
+    return to_rgb(draw_posture(scene.problem, posture, envelope=envelope, caption=f"expert: {label}", why=why))
 
 
 def _show(pixels: NDArray[np.uint8]) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -19,7 +19,8 @@ from stancekit.planners.equilibrium.features import ROOM
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, checked_choice
+from stancekit.planners.files.arrays import Array, check_numbers, checked_int
+from stancekit.planners.files.validation import shown, typed
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.joint import Joint, RelaxationName
@@ -27,9 +28,8 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.verify import check_postures
 
-from .distributions.postures import Distribution
-from .scene_sources import SceneOptions, SceneSettings
-from .scenes import Scene, SceneKind
+from .scene_sources import Problem, SceneOptions, SceneSettings
+from .scenes import Scene
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
@@ -48,6 +48,9 @@ class RewardWeights:
     agreement: float = 1.0
     projection: float = 0.5
     tightness: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_numbers(self, finite=self.__dataclass_fields__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,8 +86,8 @@ class SelectionOptions(SceneOptions, total=False):
     boxes: int
     library: EnvelopeSet | str | Path | None
     relaxation: RelaxationName
-    projections: tuple[Projection, ...]
-    weights: RewardWeights
+    projections: Sequence[Projection]
+    weights: RewardWeights | Mapping[str, float]
     backend: Backend
     timing: bool
 
@@ -96,23 +99,27 @@ class SelectionSettings(SceneSettings):
     boxes: int = 1
     library: EnvelopeSet | str | Path | None = None
     relaxation: RelaxationName = "p1"
-    projections: tuple[Projection, ...] = ("fix-p",)
-    weights: RewardWeights = RewardWeights()
+    projections: Sequence[Projection] = ("fix-p",)
+    weights: RewardWeights | Mapping[str, float] = RewardWeights()
     backend: Backend = "clarabel"
     timing: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.projections:
             raise InvalidInput("projections: expected one or more, got none")
         for name in self.projections:
             PROJECTIONS.get(name)
-        checked_choice(self.backend, "backend", get_args(Backend))
-        if not isinstance(self.boxes, int) or self.boxes < 1:
-            raise InvalidInput(f"boxes: expected an integer of at least 1, got {self.boxes!r}")
-        joint = self.relaxation == "joint"
-        if self.relaxation not in get_args(RelaxationName) or (joint and (self.boxes, self.library) != (1, None)):
-            got = f"{self.relaxation!r} with {self.boxes} boxes and {'no' if self.library is None else 'a'} library"
-            raise InvalidInput(f"relaxation: expected p1, or joint over one box without a library, got {got}")
+        checked_int(self.boxes, "boxes", least=1)
+        if self.relaxation == "joint" and (self.boxes, self.library) != (1, None):
+            got = f"{self.boxes} boxes and {'no' if self.library is None else 'a'} library"
+            raise InvalidInput(f"relaxation: expected joint over one box without a library, got it with {got}")
+
+    @property
+    def rewards(self) -> RewardWeights:
+        """The weights, read from a mapping where they came as one. Raises InvalidInput."""
+        given = self.weights
+        return given if isinstance(given, RewardWeights) else typed(RewardWeights, given, "weights")
 
 
 class SelectionTask:
@@ -121,7 +128,7 @@ class SelectionTask:
     The problem is that of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
     """
 
-    def __init__(self, problem: str | Distribution | SceneKind, settings: SelectionSettings) -> None:
+    def __init__(self, problem: Problem, settings: SelectionSettings) -> None:
         chosen = settings.kind(problem)
         library = settings.library
         self._problem = chosen.name
@@ -131,8 +138,14 @@ class SelectionTask:
         self._relaxation: RelaxationName = settings.relaxation
         self._projections = tuple(settings.projections)
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
-        self._weights = settings.weights
-        self._timing = settings.timing
+        self._nothing: dict[str, Any] = {
+            "label": 0, "p1_feasible": 0, "p1_right": 0, "is_success": 0, "margin": 0.0, "gap": 0.0, "log_volume": 0.0,
+            "chosen": 0, **dict.fromkeys(self._keys.values(), 0), "reward_agreement": 0.0, "reward_projection": 0.0,
+            "reward_tightness": 0.0, "expert_point": None, "expert_lower_bound": 0.0, "p1_seconds": 0.0,
+            "p2_seconds": 0.0, "expert_seconds": 0.0,
+        }  # fmt: skip
+        self._weights = settings.rewards
+        self._timing = bool(settings.timing)
         self._programs = Programs(engine="rows" if settings.backend == "clarabel" else settings.backend)
         self.scenes = settings.source(chosen, self._programs)
         self.observation_space = scene_space(self._count)
@@ -221,7 +234,7 @@ class SelectionTask:
             if not self.action_space.contains(np.int64(action)):
                 raise InvalidInput(f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}")
             return (self._library.envelopes[int(action)],), None
-        flat = np.asarray(action, dtype=np.float64)
+        flat = _numbers(action)
         if self._relaxation == "joint":
             bounds, point = np.split(flat, [12 * self._count])
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
@@ -230,14 +243,16 @@ class SelectionTask:
     def _verdict(self, trial: _Trial) -> Verdict:
         """What the agent is told of a trial whose postures are the verifier's."""
         scene, answer, envelope, weights = trial.scene, trial.answer, trial.envelope, self._weights
-        agree = answer.known and answer.feasible == scene.feasible
+        right = answer.known and answer.feasible == scene.feasible
         width = float((envelope.high - envelope.low).mean()) / 2.0
         reached = self._projections[0] in trial.postures
-        terms = (weights.agreement * agree, weights.projection * reached, weights.tightness * (1.0 - width))
+        terms = (weights.agreement * right, weights.projection * reached, weights.tightness * (1.0 - width))
         clock = self._timing
         info = {
             "label": int(scene.feasible),
             "p1_feasible": int(answer.feasible),
+            "p1_right": int(right),
+            "is_success": int(right and (reached or not scene.feasible)),
             "margin": float(answer.margin),
             "gap": 0.0 if math.isnan(gap := answer.gap) else gap,
             "log_volume": envelope.log_volume(),
@@ -254,6 +269,24 @@ class SelectionTask:
         }
         posture = next((trial.postures[way] for way in self._projections if way in trial.postures), None)
         return Verdict(reward=float(sum(terms)), info=info, posture=posture, envelope=envelope)
+
+    def before(self, scene: Scene) -> dict[str, Any]:
+        """The info of a scene before any action: what the expert knows, and 0 for all that an action comes to."""
+        return {
+            **self._nothing,
+            "label": int(scene.feasible),
+            "expert_point": scene.point.copy(),
+            "expert_lower_bound": float(scene.lower_bound),
+            "expert_seconds": scene.expert_seconds if self._timing else 0.0,
+        }
+
+
+def _numbers(action: Any) -> Array:
+    """The numbers of an action. Raises InvalidInput for what is none, or not finite."""
+    flat = np.asarray(action)
+    if flat.dtype.kind not in "fiu" or not np.isfinite(flat).all():
+        raise InvalidInput(f"action: expected finite numbers, got {shown(action)}")
+    return flat.astype(np.float64)
 
 
 def scene_space(count: int) -> spaces.Dict:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -13,18 +12,20 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
-from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
+from .episodes import check_options, checked_render_mode, checked_seed
 from .traverse_setup import (
-    CourseSource,
+    Courses,
+    TraverseOptions,
     TraverseSettings,
     course_source,
     offered_planners,
@@ -69,7 +70,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     ## Action Space
 
-    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up over the envelopes given, or several sets of them.
+    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up over the envelopes given, several sets of them, or
+    those that a selector chooses for the stances ahead.
 
     ## Reward
 
@@ -91,7 +93,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     After a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the envelope
     was not learned for these limbs or patches), ``planner`` (whose plan it is, by its action, −1 where there is none),
-    ``executed`` (1 done, 0 failed, −1 not tried), ``frame``, ``solves``, ``progress_m``, ``objective``, ``residual``,
+    ``executed`` (1 done, 0 failed, −1 not tried), ``is_success`` (at the last frame, no execution failed), ``frame``,
+    ``solves``, ``progress_m``, ``objective``, ``residual``,
     ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of the terrain under each coming frame, −1 where
     unknown; ``reward_<term>``; and ``plan_seconds``, ``compile_seconds``, which stay 0 unless ``timing``.
 
@@ -99,13 +102,13 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     | argument | default | meaning |
     |---|---|---|
-    | courses | ('stairs', 'walls', 'ground-to-wall') | names, FAMILY:LEVEL, files or descriptions; or a function |
+    | courses | ('stairs', 'walls', 'ground-to-wall') | names, FAMILY:LEVEL, files, keys as in one; or a function |
     | frames | 9 | M of each, None for its own |
     | horizon | 2 | key frames a step |
     | amount | 1.0 | how far a course is perturbed; 1 keeps the built-in ones climbable |
-    | envelopes | None | what to offer beside the lift; the expert's for walking and climbing where None |
+    | envelopes | None | what to offer beside the lift, see below; the expert's for walking and climbing where None |
     | planners | None | replaces all of these |
-    | weights | TraverseWeights() | what a step is worth |
+    | weights | TraverseWeights() | what a step is worth; or a mapping with some of its keys |
     | patience | 4 | steps in vain before the end |
     | limbs | None | of the observation: how many limbs; those of the courses' robots where None |
     | regions | None | the most candidates a toe; those of the courses where None |
@@ -117,6 +120,9 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | timing | False | put seconds into ``info`` and the reward |
     | render_mode | None | "rgb_array" |
 
+    ``envelopes`` is a list of envelopes, several sets of them for different legs, modes, selectors (what ``fit``
+    returned; a network chooses its boxes for every stance ahead), or files of any of these.
+
     ## Version History
 
     - v0: the first version
@@ -126,14 +132,14 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     def __init__(
         self,
-        courses: Sequence[str | CourseSpec] | CourseSource = ("stairs", "walls", "ground-to-wall"),
+        courses: Courses = ("stairs", "walls", "ground-to-wall"),
         *,
         render_mode: str | None = None,
-        **options: Any,
+        **options: Unpack[TraverseOptions],
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        self.render_mode, settings = render_mode, TraverseSettings(**options)
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        check_argument("courses", courses, Courses)
+        settings = settings_from(TraverseSettings, options, beside=("courses", "render_mode"))
         self._draw, self._features = course_source(courses, settings)
         programs = settings.programs or Programs()
         planners = settings.planners
@@ -141,8 +147,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
         self._start, self._executor = TwoStageCoursePlanner(programs=programs), settings.executor
-        self._horizon, self._weights = settings.horizon, settings.weights
-        self._patience, self._timing = settings.patience, settings.timing
+        self._horizon, self._weights = settings.horizon, settings.rewards
+        self._patience, self._timing = settings.patience, bool(settings.timing)
         self._course: Course | None = None
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
@@ -154,7 +160,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Features, dict[str, Any]]:
         """Draw courses until one has a first key frame that holds. Raises PlanningFailed after MAX_DRAWS."""
-        super().reset(seed=seed)
+        check_options(options)
+        super().reset(seed=checked_seed(seed))
         for _ in range(MAX_DRAWS):
             course = self._draw(self.np_random)
             if course.frames < 2:
@@ -230,6 +237,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             "refused": int(tried.refused),
             "planner": tried.planner,
             "executed": tried.executed,
+            "is_success": int(self._frame == course.frames - 1 and tried.executed != 0),
             "frame": self._frame,
             "solves": solves,
             "progress_m": tried.progress_m,

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from pkgutil import resolve_name
+from types import MappingProxyType
+from typing import Any, Protocol, TypedDict
 
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.files.arrays import check_numbers, checked, checked_int
+from stancekit.planners.files.validation import shown, typed
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course import Course
-from stancekit.planners.problem.course_file import read_spec
+from stancekit.planners.problem.course_file import read_spec, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_terrain import FileTerrain
 from stancekit.planners.relaxation.envelope import EnvelopeSet
@@ -25,14 +29,25 @@ from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.course_features import CourseFeatures
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.control.envelope_choice import SelectorPlanner
 
 from .distributions.courses import perturbed
+from .learned_selectors import LearnedSelector, class_envelopes
 
 DRAWS = 50
 """Of a source that has nothing for some toe, before it is given up."""
 CourseSource = Callable[[np.random.Generator], Course]
-Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes
-"""What one choice of a planner has: envelopes, several sets of them for different legs, or modes."""
+Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | CourseSource
+"""What courses are drawn from: names, files and descriptions, also as mappings with a file's keys; or a function."""
+Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector | str | Path
+"""What a planner has: envelopes, several sets of them for different legs, modes, a selector, or a file of these."""
+READERS: Mapping[str, str] = MappingProxyType(
+    {
+        ".json": "stancekit.planners.answer.answer_file:read_boxes",
+        ".safetensors": "stancekit.learners.selectors.selector_file:load_selector",
+    }
+)
+"""Readers of files by their endings; named, as in a registry, because networks are read on a higher floor."""
 
 
 class Executed(Protocol):
@@ -59,6 +74,9 @@ class TraverseWeights:
     solve: float = 0.005
     second: float = 0.1
 
+    def __post_init__(self) -> None:
+        check_numbers(self, finite=self.__dataclass_fields__)
+
 
 def path_length_m(course: Course) -> float:
     """Length of the nominal path [m]; 1 where it does not move."""
@@ -66,16 +84,36 @@ def path_length_m(course: Course) -> float:
     return length if length > 1e-9 else 1.0
 
 
+class TraverseOptions(TypedDict, total=False):
+    """Keywords of ``TraverseEnv`` beside its courses; its page has their meaning."""
+
+    frames: int | None
+    horizon: int
+    amount: float
+    envelopes: Sequence[Boxes] | None
+    planners: Sequence[CoursePlanner] | None
+    weights: TraverseWeights | Mapping[str, float]
+    patience: int
+    limbs: int | None
+    regions: int | None
+    corners: int
+    robot: str | Path | None
+    terrain: str | Path | None
+    executor: Executor | None
+    programs: Programs | None
+    timing: bool
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TraverseSettings:
-    """Keywords of ``TraverseEnv`` beside its courses; its page has their meaning. Raises InvalidInput."""
+    """``TraverseOptions`` with their defaults. Raises InvalidInput for what is out of range or does not go together."""
 
     frames: int | None = 9
     horizon: int = 2
     amount: float = 1.0
     envelopes: Sequence[Boxes] | None = None
     planners: Sequence[CoursePlanner] | None = None
-    weights: TraverseWeights = TraverseWeights()
+    weights: TraverseWeights | Mapping[str, float] = TraverseWeights()
     patience: int = 4
     limbs: int | None = None
     regions: int | None = None
@@ -87,51 +125,74 @@ class TraverseSettings:
     timing: bool = False
 
     def __post_init__(self) -> None:
-        for name, least in (("horizon", 1), ("patience", 1), ("corners", 3)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < least:
-                raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
+        for name, least in LEAST.items():
+            if (value := getattr(self, name)) is not None:
+                checked_int(value, name, least=least)
+        checked(self.amount, "amount", least=0.0)
+        if self.envelopes is not None and self.planners is not None:
+            raise InvalidInput("envelopes: expected none beside planners, which replace them")
+        _ = self.rewards  # refuses wrong keys
+
+    @property
+    def rewards(self) -> TraverseWeights:
+        """The weights, read from a mapping where they came as one. Raises InvalidInput."""
+        given = self.weights
+        return given if isinstance(given, TraverseWeights) else typed(TraverseWeights, given, "weights")
 
 
-def course_source(
-    courses: Sequence[str | CourseSpec] | CourseSource, settings: TraverseSettings
-) -> tuple[CourseSource, CourseFeatures]:
+LEAST: Mapping[str, int] = MappingProxyType(
+    {"horizon": 1, "patience": 1, "corners": 3, "limbs": 1, "regions": 1}
+)
+
+
+def course_source(courses: Courses, settings: TraverseSettings) -> tuple[CourseSource, CourseFeatures]:
     """What draws courses, and the size of their views: horizon, limbs, regions and corners, the courses' where None.
 
     robot, terrain of the settings: files in place of the courses' own. Raises InvalidInput.
     """
     robot, terrain = settings.robot, settings.terrain
-    if callable(courses):
+    if not isinstance(courses, Sequence):
         if settings.regions is None:
             raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
         if robot is not None or terrain is not None:
             raise InvalidInput("robot, terrain: expected none where courses is a function, which has its own")
-        return _with_footing(courses), _features(settings, limbs=len(hexapod().limbs), regions=0)
+        return WithFooting(courses), _features(settings, limbs=len(hexapod().limbs), regions=0)
     specs = [_spec(course, robot, terrain) for course in courses]
     if settings.frames is not None:
         specs = [spec.with_frames(settings.frames) for spec in specs]
     if not specs:
         raise InvalidInput("courses: expected one or more, got none")
-
-    def draw(rng: np.random.Generator) -> Course:
-        return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=settings.amount)
-
     most = max(spec.candidates.most for spec in specs)
-    return _with_footing(draw), _features(settings, limbs=max(_limbs(spec) for spec in specs), regions=most)
+    features = _features(settings, limbs=max(_limbs(spec) for spec in specs), regions=most)
+    return WithFooting(Perturbed(specs=tuple(specs), amount=settings.amount)), features
 
 
-def _with_footing(draw: CourseSource) -> CourseSource:
-    """The same source, asked again where a scene of a family has nothing for some toe. It may raise PlanningFailed."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Perturbed:
+    """A source of one of these courses at a time, perturbed; each is as likely."""
 
-    def again(rng: np.random.Generator) -> Course:
+    specs: tuple[CourseSpec, ...]
+    amount: float
+
+    def __call__(self, rng: np.random.Generator) -> Course:
+        """Draw one. Raises NoFooting."""
+        return perturbed(self.specs[int(rng.integers(len(self.specs)))], rng, amount=self.amount)
+
+
+@dataclass(frozen=True, eq=False)
+class WithFooting:
+    """The same source, asked again where a scene of a family has nothing for some toe."""
+
+    draw: CourseSource
+
+    def __call__(self, rng: np.random.Generator) -> Course:
+        """Draw a course. Raises PlanningFailed after DRAWS."""
         for _ in range(DRAWS):
             try:
-                return draw(rng)
+                return self.draw(rng)
             except NoFooting as error:
                 refused = error
         raise PlanningFailed(f"no course in {DRAWS} draws with footing for every toe; the last: {refused}")
-
-    return again
 
 
 def _features(settings: TraverseSettings, *, limbs: int, regions: int) -> CourseFeatures:
@@ -142,10 +203,14 @@ def _features(settings: TraverseSettings, *, limbs: int, regions: int) -> Course
     )  # fmt: skip
 
 
-def _spec(course: str | CourseSpec, robot: str | Path | None, terrain: str | Path | None) -> CourseSpec:
+def _spec(
+    course: str | Path | CourseSpec | Mapping[str, Any], robot: str | Path | None, terrain: str | Path | None
+) -> CourseSpec:
     """A course's description whose files are found from anywhere."""
-    if isinstance(course, str):
-        spec, folder = read_spec(course), Path(course).parent
+    if isinstance(course, Mapping):
+        spec = spec_from(dict(course))
+    elif isinstance(course, str | Path):
+        spec, folder = read_spec(str(course)), Path(course).parent
         if isinstance(spec.robot, str) and Path(spec.robot).suffix:
             spec = spec.model_copy(update={"robot": str((folder / spec.robot).resolve())})
         if isinstance(spec.terrain, FileTerrain):
@@ -168,10 +233,23 @@ def _limbs(spec: CourseSpec) -> int:
 
 
 def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[CoursePlanner]:
-    """The two-stage planner over the lift, and over each of the envelopes."""
+    """The two-stage planner over the lift, and over each of the envelopes. Raises InvalidInput."""
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
-    return [
-        TwoStageCoursePlanner(programs=programs),
-        *(EnvelopeCoursePlanner(given, programs=programs) for given in envelopes),
-    ]
+    given = [_read(each) if isinstance(each, str | Path) else each for each in envelopes]
+    return [TwoStageCoursePlanner(programs=programs), *(_within(each, programs) for each in given)]
+
+
+def _read(path: str | Path) -> EnvelopeSet | Modes | LearnedSelector:
+    """Envelopes, modes or a selector from a file. Raises InvalidInput."""
+    suffix = Path(path).suffix
+    if suffix not in READERS:
+        raise InvalidInput(f"envelopes: expected a file that ends in {' or '.join(READERS)}, got {shown(str(path))}")
+    found: EnvelopeSet | Modes | LearnedSelector = resolve_name(READERS[suffix])(Path(path))
+    return found
+
+
+def _within(given: EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector, programs: Programs) -> CoursePlanner:
+    if isinstance(given, EnvelopeSet | Modes | Sequence):
+        return EnvelopeCoursePlanner(given, programs=programs)
+    return SelectorPlanner(given.selector, class_envelopes(given), programs=programs)

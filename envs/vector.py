@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import copy
 import multiprocessing
-from collections.abc import Mapping, Sequence
+import pickle
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, Unpack
@@ -21,11 +23,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from stancekit.planners.arguments import settings_from
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import checked_int
+from stancekit.planners.files.validation import shown
 
-from .distributions.postures import Distribution
-from .scenes import Scene, SceneKind, all_seen
+from .episodes import check_options, checked_mask, checked_render_mode, checked_seed
+from .scene_sources import Problem
+from .scenes import Scene, all_seen
+from .selection import picture
 from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
@@ -35,9 +41,13 @@ Seeds = Sequence[int | None]
 class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
     """``num_envs`` copies of ``EnvelopeSelectionEnv`` in one: a step judges an action each and draws the next scenes.
 
-    Autoreset is SAME_STEP: what ``step`` returns is the observation of the next scenes; ``infos["final_obs"]`` and
-    ``infos["final_info"]`` are those of the scenes that the actions were for. Sub-environment i with seed s + i lives
+    Autoreset is SAME_STEP: ``step`` returns the observation of the next scenes, with the info of their reset;
+    ``infos["final_obs"]`` and ``infos["final_info"]`` are those of the scenes that the actions were for. Wrappers that
+    are written for NEXT_STEP, Gymnasium's default, do not fit: they take every second step for a reset
+    (``RecordEpisodeStatistics`` and ``DictInfoToList`` know both modes). Sub-environment i with seed s + i lives
     through exactly what the single environment does after ``reset(seed=s + i)``, whatever ``workers`` is.
+
+    One thread at a time may use it. A copy (deepcopy, pickle) goes on as the original, with processes of its own.
 
     scenes: a source that keeps count of what it drew is copied for every sub-environment; a folder is read once a
     process. workers: processes that draw and judge, each for an equal part of the batch, this one among them: with
@@ -45,23 +55,22 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     are those of ``EnvelopeSelectionEnv``.
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 — Gymnasium's convention
+    metadata = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 — Gymnasium's convention
 
     def __init__(
         self,
         num_envs: int = 1,
-        problem: str | Distribution | SceneKind = "wall-3",
+        problem: Problem = "wall-3",
         *,
         workers: int = 1,
         render_mode: str | None = None,
         **options: Unpack[SelectionOptions],
     ) -> None:
-        if render_mode is not None:
-            raise InvalidInput(f"render_mode: expected None for a batch of environments, got {render_mode!r}")
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
         checked_int(num_envs, "num_envs", least=1)
-        if not 1 <= workers <= num_envs:
-            raise InvalidInput(f"workers: expected 1 to num_envs = {num_envs}, got {workers}")
-        task = SelectionTask(problem, SelectionSettings(**options))
+        checked_int(workers, "workers", least=1, most=num_envs)
+        beside = ("num_envs", "problem", "workers", "render_mode")
+        task = SelectionTask(problem, settings_from(SelectionSettings, options, beside=beside))
         self.num_envs = num_envs
         self.single_observation_space = task.observation_space
         self.single_action_space = task.action_space
@@ -70,22 +79,38 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         self._ready, self._last = False, list[Observation]()  # by part, what was seen last
         self._cuts = [round(k * num_envs / workers) for k in range(workers + 1)]
         sizes = np.diff(self._cuts).tolist()
-        others = [_Worker(problem, options, size) for size in sizes[1:]]
+        others = [_Worker(partial(_made, problem, options, size)) for size in sizes[1:]]
         self._parts: list[_Batch | _Worker] = [_Batch(task, sizes[0]), *others]
 
     def reset(
         self, *, seed: int | Seeds | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Draw the next scenes. seed: s seeds sub-environment i with s + i; or one a sub-environment."""
+        """Draw the next scenes.
+
+        Arguments:
+            seed: s seeds sub-environment i with s + i; or one per sub-environment.
+            options: ``reset_mask``, shape (num_envs,), says which sub-environments draw; the others stay.
+        Raises:
+            InvalidInput: for another option, a mask of another shape or kind, and a seed that is none.
+        """
+        check_options(options, ("reset_mask",))
         if seed is None or isinstance(seed, int | np.integer):
-            seeds: Seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+            first = checked_seed(seed)
+            seeds: Seeds = [None if first is None else first + i for i in range(self.num_envs)]
+        elif isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str | bytes):
+            seeds = [checked_seed(one) for one in seed]
         else:
-            seeds = list(seed)
+            raise InvalidInput(f"seed: expected one integer or {self.num_envs}, got {shown(seed)}")
         if len(seeds) != self.num_envs:
             raise InvalidInput(f"seed: expected one number or {self.num_envs}, got {len(seeds)}")
-        found = self._each("reset", [seeds[part] for part in self._slices()])
-        self._ready, self._last = True, found
-        return _joined(found), {}
+        mask = np.ones(self.num_envs, dtype=np.bool_)
+        if options is not None and "reset_mask" in options:
+            mask = checked_mask(options["reset_mask"], self.num_envs)
+            if not self._ready and not mask.all():
+                raise gym.error.ResetNeeded("reset all sub-environments before some of them")
+        found: list[_Begun] = self._each("reset", [(seeds[part], mask[part]) for part in self._slices()])
+        self._ready, self._last = True, [begun.observation for begun in found]
+        return _joined(self._last), self._of_all(_gathered([begun.info for begun in found]))
 
     def step(
         self, actions: NDArray[Any]
@@ -99,12 +124,20 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         results: list[_Stepped] = self._each("step", [actions[part] for part in self._slices()])
         final, rows = _joined(self._last), np.full(self.num_envs, None, dtype=object)
         rows[:] = [{name: values[index] for name, values in final.items()} for index in range(self.num_envs)]
-        told = {name: np.array([row for one in results for row in one.info[name]]) for name in results[0].info}
-        infos = self._of_all({"final_obs": rows, "final_info": self._of_all(told)})
+        told = _gathered([result.info for result in results])
+        begun = _gathered([result.begun.info for result in results])
+        infos = self._of_all({**begun, "final_obs": rows, "final_info": self._of_all(told)})
         rewards = np.array([reward for result in results for reward in result.rewards])
         ended, not_cut = np.ones(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.bool_)
-        self._last = [result.observation for result in results]
+        self._last = [result.begun.observation for result in results]
         return _joined(self._last), rewards, ended, not_cut, infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Draw the scenes that the next actions are for, one picture per sub-environment."""
+        if not self._ready:
+            raise gym.error.ResetNeeded("reset the environment before rendering")
+        pictures: list[list[NDArray[np.uint8]]] = self._each("render", [None] * len(self._parts))
+        return tuple(picture for part in pictures for picture in part)
 
     def _of_all(self, info: Mapping[str, Any]) -> dict[str, Any]:
         """What Gymnasium's ``_add_info`` makes of what all sub-environments have: each beside the mask of who has."""
@@ -132,13 +165,25 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         return answers
 
 
+Rows = dict[str, list[Any]]
+"""Info of some sub-environments, one entry per sub-environment under each key."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Begun:
+    """The episodes that some sub-environments are in: observations, and info from before any action."""
+
+    observation: Observation
+    info: Rows
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stepped:
-    """A step of some sub-environments: rewards and info of the old scenes, a row each, observations of the new."""
+    """A step of some sub-environments: rewards and info of the old scenes, and the episodes that begin."""
 
     rewards: list[float]
-    info: dict[str, list[Any]]
-    observation: Observation
+    info: Rows
+    begun: _Begun
 
 
 class _Batch:
@@ -154,7 +199,8 @@ class _Batch:
     def begin(self, method: str, argument: Any) -> None:
         """Do it now."""
         try:
-            self._answer = self.reset(argument) if method == "reset" else self.step(argument)
+            answers = {"reset": self.reset, "step": self.step, "render": self.render, "state": self.state}
+            self._answer = answers[method](argument)
         except Exception as error:  # raised by whoever asks for the answer
             self._answer = error
 
@@ -166,38 +212,63 @@ class _Batch:
     def close(self) -> None:
         """Nothing is open."""
 
-    def reset(self, seeds: Seeds) -> Observation:
-        """Draw the next scenes; None goes on with the generator that a sub-environment has."""
+    def reset(self, asked: tuple[Seeds, NDArray[np.bool_]]) -> _Begun:
+        """Draw the next scenes of those in the mask; the seed None goes on with the generator that one has."""
+        seeds, mask = asked
         for index, seed in enumerate(seeds):
-            if seed is not None or self._rngs[index] is None:
+            if mask[index] and (seed is not None or self._rngs[index] is None):
                 self._rngs[index] = seeding.np_random(seed)[0]
-        return self._draw()
+        return self._draw(mask)
 
     def step(self, actions: NDArray[Any]) -> _Stepped:
         """Judge, and draw the next scenes."""
         verdicts = self._task.judge_all(self._at, actions)
-        return _Stepped(
-            rewards=[verdict.reward for verdict in verdicts],
-            info={name: [verdict.info[name] for verdict in verdicts] for name in verdicts[0].info},
-            observation=self._draw(),
-        )
+        rewards = [verdict.reward for verdict in verdicts]
+        return _Stepped(rewards=rewards, info=_by_key([verdict.info for verdict in verdicts]), begun=self._draw())
 
-    def _draw(self) -> Observation:
-        self._at = [source.draw(rng) for source, rng in zip(self._sources, self._rngs, strict=True) if rng is not None]
+    def render(self, _: None) -> list[NDArray[np.uint8]]:
+        """Draw every scene that there is."""
+        return [picture(scene) for scene in self._at]
+
+    def state(self, _: None) -> bytes:
+        """Everything that a copy of this goes on from."""
+        return pickle.dumps(self)
+
+    def _draw(self, mask: NDArray[np.bool_] | None = None) -> _Begun:
+        at = self._at or [None] * len(self._sources)
+        drawn = zip(self._sources, self._rngs, at, mask if mask is not None else [True] * len(at), strict=True)
+        self._at = [
+            source.draw(rng) if draws or scene is None else scene
+            for source, rng, scene, draws in drawn
+            if rng is not None
+        ]
         for scene in self._at:
             self._task.check(scene)
-        return all_seen(self._at)
+        return _Begun(observation=all_seen(self._at), info=_by_key([self._task.before(scene) for scene in self._at]))
 
 
 class _Worker:
     """A ``_Batch`` in a process of its own, which ends with this one."""
 
-    def __init__(self, problem: str | Distribution | SceneKind, options: SelectionOptions, size: int) -> None:
+    def __init__(self, make: Callable[[], _Batch]) -> None:
+        self._start(make)
+
+    def _start(self, make: Callable[[], _Batch]) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process: BaseProcess = context.Process(target=_serve, args=(theirs, problem, options, size), daemon=True)
+        self._process: BaseProcess = context.Process(target=_serve, args=(theirs, make), daemon=True)
         self._process.start()
         theirs.close()
+
+    def __getstate__(self) -> bytes:
+        self.begin("state", None)
+        state = self.end()
+        if isinstance(state, Exception):
+            raise state
+        return bytes(state)
+
+    def __setstate__(self, state: bytes) -> None:
+        self._start(partial(pickle.loads, state))
 
     def begin(self, method: str, argument: Any) -> None:
         """Ask for it."""
@@ -222,13 +293,26 @@ class _Worker:
             self._process.terminate()
 
 
-def _serve(pipe: Connection, problem: str | Distribution | SceneKind, options: SelectionOptions, size: int) -> None:
+def _made(problem: Problem, options: SelectionOptions, size: int) -> _Batch:
+    return _Batch(SelectionTask(problem, SelectionSettings(**options)), size)
+
+
+def _serve(pipe: Connection, make: Callable[[], _Batch]) -> None:
     """A worker's life: answer until None comes or the other end is gone."""
-    batch = _Batch(SelectionTask(problem, SelectionSettings(**options)), size)
+    batch = make()
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while (request := pipe.recv()) is not None:
             batch.begin(*request)
             pipe.send(batch.end())
+
+
+def _by_key(infos: Sequence[Mapping[str, Any]]) -> Rows:
+    return {name: [info[name] for info in infos] for name in infos[0]}
+
+
+def _gathered(parts: Sequence[Rows]) -> dict[str, NDArray[Any]]:
+    """The info of all parts, in order, in one array under each key."""
+    return {name: np.array([row for part in parts for row in part[name]]) for name in parts[0]}
 
 
 def _joined(parts: Sequence[Observation]) -> Observation:

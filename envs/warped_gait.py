@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypedDict, Unpack
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.arrays import check_numbers
+from stancekit.planners.files.validation import shown, typed
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
@@ -21,6 +24,7 @@ from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.robot.walker import named_walker
 
 from .distributions.walks import SampledTasks, Tasks
+from .episodes import check_options, checked_render_mode, checked_seed
 
 HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
 """Homotopies to choose from: factors on the terrain's heights."""
@@ -30,6 +34,9 @@ PATCH, PATCH_M = 24, 4.0
 """Heights along a side of the observed square, and its side [m]."""
 LARGEST = 1e6
 _ROOM = 4.0  # bound on lengths in an observation [m]
+
+OPTIMISER = GaitSettings(max_iterations=50)
+"""Settings of the optimiser where none are given."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +49,66 @@ class GaitRewardWeights:
     feasible: float = 0.25
     iterations: float = 0.25
     seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self, finite=self.__dataclass_fields__)
+
+
+class GaitOptions(TypedDict, total=False):
+    """Keywords of ``WarpedGaitEnv`` beside its terrain; its page has their meaning."""
+
+    robot: GaitRobot | str | Path | None
+    tasks: Tasks | None
+    charts: Sequence[str] | None
+    settings: GaitSettings | Mapping[str, Any]
+    weights: GaitRewardWeights | Mapping[str, float]
+    timing: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitEnvSettings:
+    """``GaitOptions`` with their defaults. Raises InvalidInput for what does not go together."""
+
+    robot: GaitRobot | str | Path | None = None
+    tasks: Tasks | None = None
+    charts: Sequence[str] | None = None
+    settings: GaitSettings | Mapping[str, Any] = OPTIMISER
+    weights: GaitRewardWeights | Mapping[str, float] = GaitRewardWeights()
+    timing: bool = False
+
+    def __post_init__(self) -> None:
+        if self.charts is not None and not self.charts:
+            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS.names())}, got {list(self.charts)}")
+        for chart in self.charts or ():
+            CHARTS.get(chart)
+        if self.robot is not None and self.tasks is not None:
+            raise InvalidInput("robot: expected none where tasks are given, which have their own")
+        if self.rewards.seconds and not self.timing:
+            raise InvalidInput(f"weights: expected timing with seconds, whose weight is {self.rewards.seconds:g}")
+
+    @property
+    def rewards(self) -> GaitRewardWeights:
+        """The weights, read from a mapping where they came as one. Raises InvalidInput."""
+        given = self.weights
+        return given if isinstance(given, GaitRewardWeights) else typed(GaitRewardWeights, given, "weights")
+
+    @property
+    def optimiser(self) -> GaitSettings:
+        """The optimiser's settings, likewise; keys that a mapping lacks are as in the environment's own."""
+        given = self.settings
+        if isinstance(given, GaitSettings):
+            return given
+        return typed(GaitSettings, {"max_iterations": OPTIMISER.max_iterations, **given}, "settings")
+
+
+NOTHING: Mapping[str, int | float] = MappingProxyType(
+    {
+        "verified": 0, "is_success": 0, "feasible": 0, "iterations": 0, "violation": 0.0, "refused": 0,
+        "force_rms": 0.0, "moment_rms": 0.0, "peak_acceleration_g": 0.0, "outside_cone": 0.0, "reward_verified": 0.0,
+        "reward_feasible": 0.0, "reward_iterations": 0.0, "reward_seconds": 0.0, "seconds": 0.0,
+    }
+)
+"""``info`` before anything was tried."""
 
 
 class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
@@ -86,7 +153,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     ## Info
 
-    After a step (numeric, fixed shapes): ``verified``, ``feasible``, ``iterations``, ``violation``, the verifier's
+    After a reset (all 0) and a step (numeric, fixed shapes): ``verified``, ``is_success`` (the same), ``feasible``,
+    ``iterations``, ``violation``, the verifier's
     figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
     groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
 
@@ -98,8 +166,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | robot | None | a built-in name, a URDF, a YAML file, or a ``GaitRobot``; ANYmal where None |
     | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` and ``robot`` |
     | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
-    | settings | GaitSettings(max_iterations=50) | of the optimiser; its limit is that of every stage |
-    | weights | GaitRewardWeights() | what a step is worth |
+    | settings | GaitSettings(max_iterations=50) | of the optimiser, with the limit of every stage; or a mapping |
+    | weights | GaitRewardWeights() | what a step is worth; or a mapping with some of its keys |
     | timing | False | put CPU seconds into ``info`` and the reward |
     | render_mode | None | "rgb_array" |
 
@@ -114,29 +182,17 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         self,
         terrain: str = "mixed",
         *,
-        robot: GaitRobot | str | Path | None = None,
-        tasks: Tasks | None = None,
-        charts: Sequence[str] | None = None,
-        settings: GaitSettings = GaitSettings(max_iterations=50),
-        weights: GaitRewardWeights = GaitRewardWeights(),
-        timing: bool = False,
         render_mode: str | None = None,
+        **options: Unpack[GaitOptions],
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        charts = CHARTS.names() if charts is None else tuple(charts)
-        if not charts:
-            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS.names())}, got {list(charts)}")
-        for chart in charts:
-            CHARTS.get(chart)
-        if weights.seconds and not timing:
-            raise InvalidInput(f"weights: expected timing with seconds, whose weight is {weights.seconds:g}")
-        self.render_mode = render_mode
-        if robot is not None and tasks is not None:
-            raise InvalidInput("robot: expected none where tasks are given, which have their own")
-        walker = robot if isinstance(robot, GaitRobot) else named_walker(robot or "anymal")
-        self._tasks: Tasks = SampledTasks(terrain=terrain, robot=walker) if tasks is None else tasks
-        self._charts, self._settings, self._weights, self._timing = charts, settings, weights, timing
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        check_argument("terrain", terrain, str)
+        settings = settings_from(GaitEnvSettings, options, beside=("terrain", "render_mode"))
+        charts = CHARTS.names() if settings.charts is None else tuple(settings.charts)
+        walker = settings.robot if isinstance(settings.robot, GaitRobot) else named_walker(settings.robot or "anymal")
+        self._tasks: Tasks = settings.tasks or SampledTasks(terrain=terrain, robot=walker)
+        self._charts, self._settings = charts, settings.optimiser
+        self._weights, self._timing = settings.rewards, bool(settings.timing)
         feet = len(self._tasks.robot.feet) if isinstance(self._tasks, SampledTasks) else self._feet_of()
         self.observation_space: spaces.Space[Any] = _task_space(feet)
         self.action_space: spaces.Space[Any] = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
@@ -151,11 +207,12 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
         """Draw the next walk."""
-        super().reset(seed=seed)
+        check_options(options)
+        super().reset(seed=checked_seed(seed))
         task, self._found = self._tasks(self.np_random), None
         if self._bench is None or self._bench.task is not task:  # what is written down for a task serves it again
             self._bench = Workbench(task, self._settings)
-        return observe(task), {}
+        return observe(task), dict(NOTHING)
 
     def step(
         self, action: NDArray[np.int64]
@@ -193,6 +250,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         return Attempt(chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed)
 
     def _info(self, attempt: Attempt) -> dict[str, Any]:
+        """What an attempt came to: of ``NOTHING`` every key."""
         found, weights = self._found, self._weights
         figures = {} if found is None else found.report.figures
         feasible, verified = found is not None and found.solution.success, found is not None and found.verified
@@ -201,6 +259,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         seconds = found.seconds if found is not None and self._timing else 0.0
         return {
             "verified": int(verified),
+            "is_success": int(verified),
             "feasible": int(feasible),
             "iterations": int(iterations),
             "violation": _number(np.inf if found is None else found.solution.violation),

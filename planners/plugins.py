@@ -15,13 +15,16 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
+import io
+import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType
+from threading import RLock
+from types import FunctionType, ModuleType
 from typing import Any, Generic, TypeVar, cast
 
 from .errors import InvalidInput, StancekitError
@@ -31,6 +34,8 @@ from .files.validation import shown
 T = TypeVar("T")
 FILE = "stancekit_file_"
 """What the names of modules that were run from a FILE.py begin with."""
+_RUNNING = RLock()
+"""Held while a FILE.py runs: a second thread waits for it, and finds a whole module."""
 
 
 class Registry(Generic[T]):
@@ -144,13 +149,47 @@ def _imported(module: str, where: str) -> ModuleType:
         return importlib.import_module(module)
 
 
+def of_file(thing: Any) -> bool:
+    """Whether a thing was defined in a FILE.py, or its class was."""
+    kind = thing if isinstance(thing, type | FunctionType) else type(thing)
+    return kind.__module__.startswith(FILE)
+
+
+def packed(thing: Any) -> bytes:
+    """A thing as a pickle in which classes and functions of a FILE.py go by the file and their name.
+
+    So another process, which has not run the file, can load it: ``pickle.loads`` runs the file first.
+    """
+    content = io.BytesIO()
+    _Pickler(content).dump(thing)
+    return content.getvalue()
+
+
+class _Pickler(pickle.Pickler):
+    def reducer_override(self, obj: Any) -> Any:
+        """See ``packed``."""
+        if isinstance(obj, type | FunctionType) and of_file(obj):
+            return named_in_file, (str(sys.modules[obj.__module__].__file__), obj.__qualname__)
+        return NotImplemented
+
+
+def named_in_file(path: str, name: str) -> Any:
+    """What a FILE.py calls so. Raises InvalidInput."""
+    return _attribute(_ran(Path(path)), name, path)
+
+
 def _ran(path: Path) -> ModuleType:
-    """A file as a module, run where it has not been yet."""
+    """A file as a module, run where it has not been yet; by one thread at a time."""
+    with _RUNNING:
+        return _ran_alone(path)
+
+
+def _ran_alone(path: Path) -> ModuleType:
     read_text(path)  # whatever is wrong with the file itself
     name = f"{FILE}{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
-    spec = spec_from_file_location(name, path)
+    spec = spec_from_file_location(name, path.resolve())
     assert spec is not None
     assert spec.loader is not None
     sys.modules[name] = module = module_from_spec(spec)  # before it runs: dataclasses look for their module there

@@ -236,13 +236,14 @@ class Dataset:
         """What ``decode`` makes of the columns of one row."""
         place = int(self.chosen[index])
         shard = int(np.searchsorted(self.ledger.starts, place, side="right")) - 1
-        if shard not in self._open:
-            while len(self._open) >= OPEN_SHARDS:
-                del self._open[next(iter(self._open))]
-            self._open[shard] = self.ledger.read(shard)
+        table = self._open.get(shard)
+        if table is None:  # another thread may be reading, too
+            for old in list(self._open)[: 1 - OPEN_SHARDS]:
+                self._open.pop(old, None)
+            table = self._open[shard] = self.ledger.read(shard)
         row = place - self.ledger.starts[shard]
         try:
-            return decode(self._open[shard].slice(row, 1).to_pylist()[0])
+            return decode(table.slice(row, 1).to_pylist()[0])
         except (TypeError, ValueError, OverflowError, KeyError, AttributeError) as error:
             raise InvalidInput(f"{self.ledger.folder / shard_name(shard)}: row {row}: {error}") from None
 

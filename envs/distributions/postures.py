@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,9 +17,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.validation import validated
-from stancekit.planners.plugins import Registry, made_or_class
+from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
 from stancekit.planners.problem import PostureBatch, PostureProblem
-from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
+from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS, Sampler
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import BUILT_IN
 
@@ -149,8 +150,8 @@ REGISTRY: Registry[Any] = Registry(
 class OwnDistribution:
     """A distribution from elsewhere: something with ``sample(rng)``, or its class, which is made without arguments.
 
-    name: by which it was asked for. Its ``terrain`` counts where it has one. To other processes it goes
-    by its name, or as it is where no registry has it.
+    name: by which it was asked for. Its ``terrain`` counts where it has one. It can be copied and pickled, to processes
+    that have not run its file, too.
     """
 
     def __init__(self, thing: Any, name: str) -> None:
@@ -172,15 +173,13 @@ class OwnDistribution:
         except InvalidInput as error:
             raise InvalidInput(f"distribution {self.name}: {error}") from None
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        path, colon, attribute = self.name.rpartition(":")
-        if self.name not in REGISTRY.names() and not path.endswith(".py"):
-            return OwnDistribution, (self._thing, self.name)
-        return _again, (f"{Path(path).resolve()}:{attribute}" if colon else self.name, self.name)
+    def __getstate__(self) -> dict[str, Any]:
+        packs = of_file(self._thing)
+        return {**self.__dict__, "_thing": packed(self._thing)} if packs else self.__dict__
 
-
-def _again(reference: str, name: str) -> OwnDistribution:
-    return OwnDistribution(REGISTRY.get(reference), name)
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        thing = state["_thing"]
+        self.__dict__.update(state, _thing=pickle.loads(thing) if isinstance(thing, bytes) else thing)
 
 
 class _Yaml(BaseModel):
@@ -218,6 +217,24 @@ def distribution(name: str, *, robot: str | Path | None = None, terrain: str | P
     standing = Standing.of(own)
     legs, kind = standing.legs(int(law[2]), name), cast(Law, law[1])
     return composed(name, kind, standing, legs, WALL_FRICTION if kind == "wall" else GROUND_FRICTION, terrain)
+
+
+def distribution_of(
+    problems: str | Sampler, *, robot: str | Path | None = None, terrain: str | Path | None = None
+) -> Distribution:
+    """A distribution by name, as ``distribution`` has it, or anything with ``sample(rng)``.
+
+    Without a ``name`` of its own the latter goes by its class's. Raises InvalidInput, also for a robot or a terrain
+    beside something that draws for its own.
+    """
+    if isinstance(problems, str):
+        return distribution(problems, robot=robot, terrain=terrain)
+    if isinstance(problems, type) or not callable(getattr(problems, "sample", None)):
+        raise REGISTRY.unknown(problems)
+    name = str(getattr(problems, "name", type(problems).__name__))
+    if robot is not None or terrain is not None:
+        raise InvalidInput(f"robot, terrain: expected none beside {name}, which has its own")
+    return problems if isinstance(problems, Distribution) else OwnDistribution(problems, name)
 
 
 def composed(

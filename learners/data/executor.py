@@ -155,7 +155,10 @@ def _pooled(workers: int, tasks: Iterator[Task[Answer] | None]) -> Iterator[Answ
                     del left[number]
                     deaths = 0
                     yield answer
-        except BrokenProcessPool:
+        except BrokenProcessPool as error:
+            if "un-serialize" in str(error):
+                told = (str(error.__cause__ or error).strip("\"' \n").splitlines() or [""])[-1]
+                raise WorkersDied(f"a worker process cannot read its task: {told:.200}") from None
             deaths += 1
             if deaths >= DEATHS:
                 raise WorkersDied(f"a worker process died {deaths} times in a row: is there enough memory?") from None

@@ -33,7 +33,7 @@ from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.verify import check_certificate, check_posture
 
 from .executor import Executor, processes
-from .shards import BLOCK, LEAST, Block, ShardDraft, planned, samples
+from .shards import BLOCK, LEAST, Block, KeptPrograms, ShardDraft, planned, samples
 
 if TYPE_CHECKING:  # torch
     from ..proposers.proposer import Proposers
@@ -105,6 +105,7 @@ def label(
     draws_per_row: a shard gives up after this many draws a row. proposers: those whose digest is planned.
     Raises InvalidInput where the folder holds another data set, LabellingFailed where a shard gives up.
     """
+    execute = run or processes(workers)
     if source is not None and source.name != plan.distribution:
         raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
     folder, source = Path(path), source or planned(plan)
@@ -125,9 +126,8 @@ def label(
             progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
 
     report()
-    executor = run or processes(workers)
-    drafts = _Drafts(header, there.missing, executor, source, draws_per_row, proposers)
-    for block in executor(drafts.tasks()):
+    drafts = _Drafts(header, there.missing, execute, source, draws_per_row, proposers)
+    for block in execute(drafts.tasks()):
         shard = drafts.take(block)
         if shard is not None:
             ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
@@ -144,8 +144,8 @@ class _Drafts:
         proposers: Proposers | None,
     ) -> None:  # fmt: skip
         self._source, self._proposers, self._executor = source, proposers, executor
-        came = Counter[str]()
-        self._unopened = iter([ShardDraft(header, shard, draws_per_row, came) for shard in missing])
+        came, kept = Counter[str](), KeptPrograms()
+        self._unopened = iter([ShardDraft(header, shard, draws_per_row, came, kept) for shard in missing])
         self._left, self._open = len(missing), list[ShardDraft]()
 
     def tasks(self) -> Iterator[Callable[[], Block] | None]:

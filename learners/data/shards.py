@@ -6,7 +6,6 @@ shard. Neither changes a row: where a block begins and ends, and who decides it,
 
 from __future__ import annotations
 
-import functools
 import logging
 import math
 import time
@@ -25,7 +24,7 @@ from stancekit.envs.data.ledger import Counts, Header, LabelPlan, Shard, Tally
 from stancekit.envs.distributions.postures import Distribution, distribution
 from stancekit.planners.answer.outcome import Outcome, Posture, Status
 from stancekit.planners.equilibrium.batch import ScaledBatch
-from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch, PostureProblem
@@ -91,11 +90,12 @@ class Block:
 
 def decide_block(
     plan: LabelPlan, source: Distribution, shard: int, start: Place | None, first: int, count: int,
-    kinds: frozenset[str], proposers: Proposer | None = None,
+    kinds: frozenset[str], kept: KeptPrograms, proposers: Proposer | None = None,
 ) -> Block:  # fmt: skip
     """Decide ``count`` samples of a shard from number ``first`` on, and make rows of these kinds.
 
-    start: a known place in the stream at or before the first sample; None for its beginning.
+    start: a known place in the stream at or before the first sample; None for its beginning. kept: programs that
+    other blocks used before; no row depends on them.
     """
     begin, rng = time.process_time(), _stream(plan, shard)
     np.empty(KEPT_BYTES, dtype=np.uint8)  # or the arrays of a block would come anew from the system, step by step
@@ -107,7 +107,7 @@ def decide_block(
         at += skipped
     batch = source.batch(rng, count)
     after = (first + count, rng.bit_generator.state)
-    labeller = _Labeller(plan, shard, first, kinds, proposers)
+    labeller = _Labeller(plan, shard, first, kinds, kept.programs, proposers)
     rows, decided, solve_ms = labeller.rows(batch)
     return Block(
         shard=shard, first=first, kinds=decided, rows=table_of(rows, len(batch.like.contacts)), after=after,
@@ -115,16 +115,31 @@ def decide_block(
     )  # fmt: skip
 
 
+class KeptPrograms:
+    """The programs of one call of ``label``; in a worker process, those of its thread, which blocks share."""
+
+    def __init__(self, programs: Programs | None = None) -> None:
+        self.programs = programs or Programs()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _of_this_thread, ()
+
+
+def _of_this_thread() -> KeptPrograms:
+    return KeptPrograms(programs_of_this_thread())
+
+
 class _Labeller:
     """Lines 4 to 11 of Algorithm E1 for one block. No clock takes part: slow machines label as fast ones do."""
 
     def __init__(
-        self, plan: LabelPlan, shard: int, first: int, kinds: frozenset[str], proposers: Proposer | None
-    ) -> None:
+        self, plan: LabelPlan, shard: int, first: int, kinds: frozenset[str], programs: Programs,
+        proposers: Proposer | None,
+    ) -> None:  # fmt: skip
         self._plan, self._shard, self._first, self._kinds = plan, shard, first, kinds
         acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
         self._exact = ExactPlanner(
-            acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=_programs(),
+            acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=programs,
             proposers=proposers,
         )  # fmt: skip
 
@@ -169,10 +184,13 @@ class ShardDraft:
     """A shard that is put together from its blocks: whichever comes when, they are taken in the stream's order.
 
     came: labels of all samples of this run so far, which others add to, too; by it the draft knows how many it needs.
+    kept: programs for its blocks.
     """
 
-    def __init__(self, header: Header, shard: int, draws_per_row: int, came: Counter[str]) -> None:
-        self._header, self._plan, self._came = header, header.plan, came
+    def __init__(
+        self, header: Header, shard: int, draws_per_row: int, came: Counter[str], kept: KeptPrograms
+    ) -> None:
+        self._header, self._plan, self._came, self._programs = header, header.plan, came, kept
         self.shard = shard
         self._room = Counter(dict(zip(("feasible", "infeasible"), header.plan.quota(shard), strict=True)))
         self._wanted = self._room.total()
@@ -204,7 +222,8 @@ class ShardDraft:
         first, self._asked = self._asked, self._asked + count
         start = max((place for place in self._places if place[0] <= first), key=lambda place: place[0], default=None)
         kinds = frozenset(kind for kind in KINDS if self._wants(kind))
-        return partial(decide_block, self._plan, source, self.shard, start, first, count, kinds, proposers)
+        place = (self._plan, source, self.shard, start, first, count)
+        return partial(decide_block, *place, kinds, self._programs, proposers)
 
     def take(self, block: Block) -> Shard | None:
         """Keep what is wanted of a block, once all before it are there; the shard, where it has become whole.
@@ -274,9 +293,3 @@ def _kind(outcome: Outcome) -> str:
     """The label, "trivial" set apart."""
     trivial = outcome.status is Status.INFEASIBLE and outcome.details["trivial"] > 0.0
     return "trivial" if trivial else str(outcome.status)
-
-
-@functools.cache
-def _programs() -> Programs:
-    """The programs of this process, for all of its shards: no answer depends on what was solved before."""
-    return Programs()

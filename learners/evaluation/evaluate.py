@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -20,7 +20,6 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection, project
-from stancekit.planners.relaxation.joint import RelaxationName
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Acceptance, Claim
 
@@ -29,7 +28,7 @@ from ..selectors.own import ANY
 from ..selectors.selector import Learned, Selector
 
 Progress = Callable[[int, int], None]
-CHUNK = 50
+CHUNK = 100
 """Scenes that one task of an executor plays."""
 
 TABLE_I: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = MappingProxyType(
@@ -148,7 +147,7 @@ def evaluate(
     run: Executor | None = None,
 ) -> Score:
     """Roll a selector out over the scenes, through the environment. run: the executor; this process where None."""
-    play = partial(_played, learned, problem_class, projections)
+    play = _Player(learned, problem_class, projections)
     return _score(name, _everywhere(play, scenes, progress, run), projections)
 
 
@@ -160,7 +159,7 @@ def evaluate_lift(
     run: Executor | None = None,
 ) -> Score:
     """The same figures for the lift, which has no box to choose."""
-    return _score("lift", _everywhere(partial(_lifted, projections), scenes, progress, run), projections)
+    return _score("lift", _everywhere(partial(_lifted, Programs(), projections), scenes, progress, run), projections)
 
 
 def _everywhere(
@@ -180,26 +179,33 @@ def _everywhere(
     return [info for part in parts for info in part]
 
 
-def _played(
-    learned: Learned, problem_class: str, projections: tuple[Projection, ...], scenes: Sequence[Scene]
-) -> list[dict[str, Any]]:
-    kind = SceneKind(name=problem_class, legs=scenes[0].problem.legs)
-    env, source = _environment(kind, learned.boxes, learned.relaxation, projections)
-    source.deal(scenes)
-    infos = rollout(learned.selector, env, len(scenes))
-    return [{k: v for k, v in info.items() if np.ndim(v) == 0} for info in infos]
+class _Player:
+    """Plays chunks of scenes with one selector, in one environment, which goes to no other process: a copy makes its
+    own."""
 
+    def __init__(self, learned: Learned, problem_class: str, projections: tuple[Projection, ...]) -> None:
+        self._learned, self._problem_class, self._projections = learned, problem_class, projections
+        self._made: tuple[EnvelopeSelectionEnv, _Dealt] | None = None
 
-@cache
-def _environment(
-    kind: SceneKind, boxes: int, relaxation: RelaxationName, projections: tuple[Projection, ...]
-) -> tuple[EnvelopeSelectionEnv, _Dealt]:
-    """An environment of this process with its compiled models, for one chunk of scenes after the other."""
-    source = _Dealt()
-    env = EnvelopeSelectionEnv(
-        kind, boxes=boxes, relaxation=relaxation, projections=projections, scenes=source, timing=True
-    )
-    return env, source
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_made": None}
+
+    def __call__(self, scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+        """The info of every scene, numbers only. All scenes are of the same legs."""
+        if self._made is None:
+            self._made = self._environment(scenes[0].problem.legs)
+        env, source = self._made
+        source.deal(scenes)
+        infos = rollout(self._learned.selector, env, len(scenes))
+        return [{k: v for k, v in info.items() if np.ndim(v) == 0} for info in infos]
+
+    def _environment(self, legs: tuple[str, ...]) -> tuple[EnvelopeSelectionEnv, _Dealt]:
+        source, learned = _Dealt(), self._learned
+        env = EnvelopeSelectionEnv(
+            SceneKind(name=self._problem_class, legs=legs), boxes=learned.boxes, relaxation=learned.relaxation,
+            projections=self._projections, scenes=source, timing=True,
+        )  # fmt: skip
+        return env, source
 
 
 class _Dealt:
@@ -215,9 +221,11 @@ class _Dealt:
         return self._scenes.pop()
 
 
-def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+def _lifted(
+    programs: Programs, projections: tuple[Projection, ...], scenes: Sequence[Scene]
+) -> list[dict[str, Any]]:
     """What the environment would say of each scene if P1 were the lift."""
-    programs, acceptance, infos = _programs(), Acceptance(tolerance=ADMITTED), []
+    acceptance, infos = Acceptance(tolerance=ADMITTED), []
     for scene in scenes:
         scaled = Scaled.of(scene.problem)
         begin = time.perf_counter()
@@ -225,7 +233,7 @@ def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> lis
         seconds = time.perf_counter() - begin
         admits = lift.solved and lift.bound <= acceptance.gap
         info = {"label": int(scene.feasible), "p1_feasible": int(admits), "gap": float("nan"), "p1_seconds": seconds}
-        info["reward_agreement"] = float(lift.solved and admits == scene.feasible)
+        info["p1_right"] = int(lift.solved and admits == scene.feasible)
         for way in projections:
             reached = False
             if admits and scene.feasible:
@@ -239,12 +247,6 @@ def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> lis
     return infos
 
 
-@cache
-def _programs() -> Programs:
-    """The programs of this process."""
-    return Programs()
-
-
 def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Projection, ...]) -> Score:
     feasible = [info for info in infos if info["label"]]
     infeasible = [info for info in infos if not info["label"]]
@@ -252,7 +254,7 @@ def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Pro
     return Score(
         selector=name,
         p1_feasible=Share(hits=len(admitted), of=len(feasible)),
-        p1_infeasible=Share(hits=sum(info["reward_agreement"] > 0 for info in infeasible), of=len(infeasible)),
+        p1_infeasible=Share(hits=sum(info["p1_right"] for info in infeasible), of=len(infeasible)),
         projected={
             way: Share(hits=int(sum(info[_key(way)] for info in feasible)), of=len(feasible)) for way in projections
         },

@@ -15,12 +15,12 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -148,7 +148,7 @@ class CachingOracle:
         return {name: value for name, value in vars(self).items() if name != "_programs"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, _programs=_own_programs())
+        vars(self).update(state, _programs=programs_of_this_thread())
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
@@ -285,12 +285,6 @@ def _taken(known: Any, which: Index) -> Any:
 def _put_back(known: Any, which: Index, learned: Any) -> None:
     for each, new in zip(known, learned, strict=True) if isinstance(known, tuple) else ((known, learned),):
         each[which] = new
-
-
-@cache
-def _own_programs() -> Programs:
-    """The programs of this process: no answer depends on what was solved before."""
-    return Programs()
 
 
 def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,9 @@ import numpy as np
 from stancekit.envs.memoryless import Observation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import shown
-from stancekit.planners.plugins import Registry, made_or_class
+from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
 
-from .selector import Learned
+from .selector import Learned, unsaved
 
 ANY = "any"
 """Class of problems of a selector that does not say for which it was made."""
@@ -32,26 +33,33 @@ def is_own(name: str) -> bool:
 
 def own_selector(name: str) -> Learned:
     """A selector by its entry point's name, or "FILE.py:NAME". Raises InvalidInput."""
-    return Learned.of(OwnSelector(name), name, ANY)
+    found = SELECTORS.get(name)
+    return Learned.of(OwnSelector(found() if isinstance(found, type) else found, name), name, ANY)
+
+
+def fitted(found: Any, method: str, problem_class: str) -> Learned:
+    """What a method of fitting returned. Raises InvalidInput for what is neither envelopes nor a selector."""
+    if of_file(found) and callable(getattr(found, "predict", None)):
+        found = OwnSelector(found, method, problem_class)
+    return Learned.of(found, method, problem_class)
 
 
 class OwnSelector:
-    """A selector from elsewhere; to other processes it goes by its name.
+    """A selector from elsewhere. It can be copied and pickled, to processes that have not run its file, too.
 
     Its ``predict`` is given as much of stable-baselines3's arguments as it takes: the observation is enough.
+    name: what messages call it. problem_class: where it does not say its own.
     """
 
-    def __init__(self, name: str) -> None:
-        found = SELECTORS.get(name)
-        self._found = found() if isinstance(found, type) else found
-        path, colon, attribute = name.rpartition(":")
-        self._name = f"{Path(path).resolve()}:{attribute}" if colon else name
-        self.problem_class = str(getattr(self._found, "problem_class", ANY))
-        parameters = inspect.signature(self._found.predict).parameters.values()
+    def __init__(self, found: Any, name: str, problem_class: str = ANY) -> None:
+        self._found, self._name = found, name
+        self.problem_class = str(getattr(found, "problem_class", problem_class))
+        parameters = inspect.signature(found.predict).parameters.values()
         everything = any(one.kind is one.VAR_KEYWORD for one in parameters)
         self._takes = None if everything else {one.name for one in parameters}
-        self.boxes = int(getattr(self._found, "boxes", 1))
-        self.relaxation = getattr(self._found, "relaxation", "p1")
+        self.boxes = int(getattr(found, "boxes", 1))
+        self.relaxation = getattr(found, "relaxation", "p1")
+        self.provenance = dict(getattr(found, "provenance", {}))
 
     def predict(
         self, observation: Observation, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -65,6 +73,12 @@ class OwnSelector:
         self._check(observation, found[0])
         return found
 
+    def save(self, path: str | Path) -> None:
+        """Write its file. Raises InvalidInput where it has no ``save`` of its own."""
+        if not callable(getattr(self._found, "save", None)):
+            raise unsaved(path, self._found)
+        self._found.save(path)
+
     def _check(self, observation: Observation, action: Any) -> None:
         """Raise InvalidInput for what is no box. How much a library or a point adds, the environment knows."""
         bounds = np.asarray(action)
@@ -76,4 +90,10 @@ class OwnSelector:
             raise InvalidInput(f"selector {self._name}: action: expected {wanted}, got shape {np.shape(action)}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return OwnSelector, (self._name,)
+        if of_file(self._found):
+            return _unpacked, (packed(self._found), self._name, self.problem_class)
+        return OwnSelector, (self._found, self._name, self.problem_class)
+
+
+def _unpacked(found: bytes, name: str, problem_class: str) -> OwnSelector:
+    return OwnSelector(pickle.loads(found), name, problem_class)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -45,18 +45,21 @@ class FixedSelector(MemorylessPolicy):
         batch = np.shape(observation["friction"])[:-1]
         return np.broadcast_to(self._action, (*batch, self._action.size)).copy()
 
+    def save(self, path: str | Path) -> None:
+        """Write the envelopes."""
+        write_boxes(path, self.envelopes)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Learned:
     """A selector and what it takes to roll it out and to keep it.
 
     problem_class: what it was learned for; boxes: how many its action holds; relaxation: the P1 that they are for;
-    write: writes its file; suffix: the file's usual one.
+    suffix: its file's usual one. It can be copied and pickled.
     """
 
     selector: Selector
     problem_class: str
-    write: Callable[[Path], None]
     boxes: int = 1
     relaxation: RelaxationName = "p1"
     suffix: str = ".safetensors"
@@ -66,7 +69,7 @@ class Learned:
         """The selector of a set of envelopes."""
         return cls(
             selector=FixedSelector(name, envelopes), problem_class=envelopes.problem_class,
-            write=lambda path: write_boxes(path, envelopes), boxes=len(envelopes.envelopes), suffix=".json",
+            boxes=len(envelopes.envelopes), suffix=".json",
         )  # fmt: skip
 
     @classmethod
@@ -84,16 +87,15 @@ class Learned:
             message = f"an EnvelopeSet or a selector with predict(observation), got a {type(found).__name__}"
             raise InvalidInput(f"{name}: expected {message}")
 
-        def write(path: Path) -> None:
-            if not callable(getattr(found, "save", None)):
-                raise InvalidInput(f"{path}: expected a selector with save(path), got a {type(found).__name__}")
-            found.save(path)
-
         of = getattr(found, "problem_class", problem_class)
         relaxation: RelaxationName = getattr(found, "relaxation", "p1")
-        return cls(
-            selector=found, problem_class=of, write=write, boxes=getattr(found, "boxes", 1), relaxation=relaxation
-        )
+        return cls(selector=found, problem_class=of, boxes=getattr(found, "boxes", 1), relaxation=relaxation)
+
+    def write(self, path: Path) -> None:
+        """Write its file. Raises InvalidInput for a selector without ``save(path)``."""
+        if not callable(getattr(self.selector, "save", None)):
+            raise unsaved(path, self.selector)
+        self.selector.save(path)  # type: ignore[attr-defined]
 
     @property
     def provenance(self) -> Mapping[str, Any]:
@@ -107,3 +109,8 @@ class Learned:
             kind = type(self.selector).__name__
             raise InvalidInput(f"envelopes: expected a selector with the same ones for every scene, got a {kind}")
         return self.selector.envelopes
+
+
+def unsaved(path: str | Path, selector: Any) -> InvalidInput:
+    """What is said where a selector has no file."""
+    return InvalidInput(f"{path}: expected a selector with save(path), got a {type(selector).__name__}")

@@ -54,7 +54,7 @@ def _network(kind: str, path: Path) -> Learned:
         from .chooser import Chooser
 
         chooser = Chooser.load(path)
-        return Learned(selector=chooser, problem_class=chooser.envelopes.problem_class, write=chooser.save)
+        return Learned(selector=chooser, problem_class=chooser.envelopes.problem_class)
     if kind == "stancekit/policy/1":
         from .policy import TrainedPolicy
 
@@ -62,7 +62,7 @@ def _network(kind: str, path: Path) -> Learned:
         if not policy.shape.selects:
             got = policy.shape.environment
             raise InvalidInput(f"{path}: expected a policy that chooses envelopes, got one for {got}")
-        return Learned(selector=policy, problem_class=policy.shape.problem, write=policy.save)
+        return Learned(selector=policy, problem_class=policy.shape.problem)
     known = "stancekit/envelope/1, stancekit/neural/1, stancekit/chooser/1 or stancekit/policy/1"
     raise InvalidInput(f"{path}: expected format {known}, got {kind:.60}")
 

@@ -14,6 +14,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
+from stancekit.planners.files.validation import typed
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executor import Executor
@@ -22,7 +23,6 @@ from ..selectors.gradient import Descent, descend, fit_gradient
 from ..selectors.heuristic import heuristic_envelope
 from ..selectors.mixture import fit_as_printed, fit_improved
 from ..selectors.quantile import quantile_box
-from ..settings import typed
 from .fit_settings import FitSettings, Progress
 
 ENVELOPES = ("heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient")

@@ -11,11 +11,10 @@ from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import check_fields
+from stancekit.planners.files.validation import check_fields, typed
 
 from ..data.executor import Executor
 from ..selectors.genetic import GeneticSettings
-from ..settings import typed
 
 if TYPE_CHECKING:
     from .train_config import TrainConfig

@@ -14,6 +14,7 @@ from stancekit.planners.relaxation.modes import Modes
 
 from ..data.executor import Executor
 from ..selectors.modes import modes_of
+from ..selectors.own import fitted
 from ..selectors.selector import Learned
 from .envelope_methods import ENVELOPES, fit
 from .fit_settings import KNOBS, FitRequest, FitSettings, Progress, missing
@@ -56,7 +57,7 @@ def learn(
         datasets=datasets, settings=settings, progress=progress, calibration=calibration, checkpoint=checkpoint, run=run
     )
     found = _method(method)(request)
-    return found if isinstance(found, Modes) else Learned.of(found, method, datasets[0].problem_class)
+    return found if isinstance(found, Modes) else fitted(found, method, datasets[0].problem_class)
 
 
 def learn_selector(method: str, dataset: Dataset, *arguments: Any, **options: Any) -> Learned:

@@ -118,7 +118,7 @@ def _selection_figures(policy: Selector, env: EnvelopeSelectionEnv, episodes: in
         observation, _ = env.reset()
         _, reward, _, _, info = env.step(policy.predict(observation, deterministic=True)[0])
         rewards.append(reward)
-        right[info["label"]].append(float(info["reward_agreement"] > 0.0))
+        right[info["label"]].append(float(info["p1_right"]))
         if info["label"]:
             projected.append(float(info["project_fix_p"]))
     shares = {"p1_feasible": right[1], "p1_infeasible": right[0], "projected": projected}

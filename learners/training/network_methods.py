@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from stancekit.envs.data.scenes import scenes_of
+from stancekit.planners.files.validation import typed
 
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
 from ..selectors.neural import NeuralSelector, fit_neural
 from ..selectors.neural_training import NeuralSettings
 from ..selectors.policy import TrainedPolicy, bounds_of
-from ..settings import typed
 from .envelope_methods import fit
 from .fit_settings import FitRequest
 from .held_out import TrainingScenes

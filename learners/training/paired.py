@@ -24,11 +24,11 @@ from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection_task import SelectionSettings, SelectionTask
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.validation import typed
 
 from ..selectors.network import BoxNetwork, SceneTensors, as_arrays
 from ..selectors.neural import NeuralSelector, fit_neural
 from ..selectors.neural_training import NeuralSettings
-from ..settings import typed
 from .checkpoint import read_checkpoint, write_checkpoint
 from .held_out import CurvePoint, Trained, TrainingScenes, evaluator
 from .train_config import TrainConfig

@@ -12,12 +12,13 @@ Rows, in the order in which arrays have them:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
+from ..files.arrays import cached_arrays
 
 Index = NDArray[np.int_]
 
@@ -42,7 +43,7 @@ class Layout:
     def __hash__(self) -> int:
         return self._hash
 
-    @cached_property
+    @cached_arrays
     def _hash(self) -> int:
         """Programs are looked up by it at every solve."""
         return hash((self.holds, self.stances, self.corners, self.reach_rows, self.points, self.relative))
@@ -62,7 +63,7 @@ class Layout:
         """P."""
         return len(self.corners)
 
-    @cached_property
+    @cached_arrays
     def contacts(self) -> tuple[Index, Index, Index]:
         """(stance, limb, foothold) of every stance contact, each of shape (B,)."""
         found = [
@@ -74,7 +75,7 @@ class Layout:
         stance, limb, foothold = np.array(found, dtype=np.int_).T
         return stance, limb, foothold
 
-    @cached_property
+    @cached_arrays
     def contact_points(self) -> Index:
         """Which point of its foot every stance contact is, shape (B,)."""
         limbs = [limb for _, limbs in self.stances for limb in limbs]
@@ -87,24 +88,24 @@ class Layout:
         if self.points:
             raise InvalidInput(f"{what}: expected point feet, got soles, which the lift can plan for")
 
-    @cached_property
+    @cached_arrays
     def row_limbs(self) -> Index:
         """The limb of every half-space of reach, shape (H,)."""
         return np.repeat(np.arange(len(self.reach_rows)), np.array(self.reach_rows, dtype=np.int_))
 
-    @cached_property
+    @cached_arrays
     def stance_frames(self) -> Index:
         """The frame of every stance, shape (S,)."""
         return np.array([frame for frame, _ in self.stances], dtype=np.int_)
 
-    @cached_property
+    @cached_arrays
     def moves(self) -> Index:
         """(foothold before, foothold after) of every toe that moves, by frame, then limb; shape (moves, 2)."""
         table = np.array(self.holds, dtype=np.int_)
         changed = np.argwhere(table[1:] != table[:-1])
         return np.array([(table[k, i], table[k + 1, i]) for k, i in changed], dtype=np.int_).reshape(-1, 2)
 
-    @cached_property
+    @cached_arrays
     def relative_pairs(self) -> Index:
         """(foothold of a limb that moved, foothold of the other, which pair of limbs), by frame; shape (pairs, 3)."""
         table = np.array(self.holds, dtype=np.int_)
@@ -116,7 +117,7 @@ class Layout:
         ]
         return np.array(found, dtype=np.int_).reshape(-1, 3)
 
-    @cached_property
+    @cached_arrays
     def relative_rows(self) -> tuple[Index, Index]:
         """(number of its half-space, row in ``relative_pairs``) of every row of relative reach, each of shape (R,)."""
         which, half_space = _expanded(
@@ -124,33 +125,33 @@ class Layout:
         )
         return half_space, which
 
-    @cached_property
+    @cached_arrays
     def candidate_footholds(self) -> Index:
         """The foothold of every candidate, shape (K,)."""
         return np.repeat(np.arange(self.footholds), [len(counts) for counts in self.corners])
 
-    @cached_property
+    @cached_arrays
     def vertex_candidates(self) -> Index:
         """The candidate of every vertex, shape (V,)."""
         counts = [count for counts in self.corners for count in counts]
         return np.repeat(np.arange(len(counts)), counts)
 
-    @cached_property
+    @cached_arrays
     def candidate_starts(self) -> Index:
         """The first vertex of every candidate, shape (K,)."""
         return np.searchsorted(self.vertex_candidates, np.arange(len(self.candidate_footholds)))
 
-    @cached_property
+    @cached_arrays
     def vertex_footholds(self) -> Index:
         """The foothold of every vertex, shape (V,)."""
         return np.asarray(self.candidate_footholds[self.vertex_candidates])
 
-    @cached_property
+    @cached_arrays
     def contact_vertices(self) -> tuple[Index, Index]:
         """(stance contact, vertex) for every vertex of every candidate under a contact, each of shape (F,)."""
         return self.under(self.contacts[2])
 
-    @cached_property
+    @cached_arrays
     def contact_candidates(self) -> tuple[Index, Index]:
         """(stance contact, candidate) for every candidate under a contact, each of shape (Q,)."""
         return _expanded(self.contacts[2], np.array([len(counts) for counts in self.corners], dtype=np.int_))

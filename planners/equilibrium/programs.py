@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from types import MappingProxyType
@@ -36,6 +37,9 @@ class Programs:
     engine: "rows" solves programs as they are written; "cvxpy" solves their readable reference in their place; "moreau"
     solves as they are written, and where many problems are asked about together, those on a CUDA device ("moreau-cpu":
     on the processor). Raises InvalidInput where that is not there.
+
+    One thread at a time may use them: a program holds the numbers of the problem that it solves. A copy (deepcopy,
+    pickle) has none yet and writes its own.
     """
 
     def __init__(self, most: int = MOST, *, engine: Engine = "rows") -> None:
@@ -44,6 +48,9 @@ class Programs:
             check_device(DEVICES[engine])
         self._most, self.engine = most, engine
         self._kept: OrderedDict[Hashable, object] = OrderedDict()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_most": self._most, "engine": self.engine, "_kept": OrderedDict()}
 
     def get(self, make: Callable[..., T], *key: Hashable) -> T:
         """``make(*key)``, or what it made last time."""
@@ -60,3 +67,18 @@ class Programs:
             if len(self._kept) > self._most:
                 self._kept.popitem(last=False)
         return cast(T, made)
+
+
+class _Thread(threading.local):
+    """What each thread has for itself."""
+
+    def __init__(self) -> None:
+        self.programs = Programs()
+
+
+_THREAD = _Thread()
+
+
+def programs_of_this_thread() -> Programs:
+    """The programs of the thread that asks: for tasks in a worker process, which come one by one and are alike."""
+    return _THREAD.programs

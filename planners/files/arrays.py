@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import partial
+from functools import cached_property, partial, wraps
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..errors import InvalidInput
 from .validation import shown
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 Member = TypeVar("Member")
 
 LONGEST_NAME = 200
@@ -39,6 +40,24 @@ def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Ar
         raise InvalidInput(f"{where}: expected magnitudes up to {LARGEST:g}, got {largest:g}")
     array.setflags(write=False)
     return array
+
+
+def locked(values: T) -> T:
+    """The same array, or tuple of arrays, which nobody can write to any more."""
+    for each in values if isinstance(values, tuple) else (values,):
+        if isinstance(each, np.ndarray):
+            each.flags.writeable = False
+    return values
+
+
+def cached_arrays(make: Callable[[Any], T]) -> cached_property[T]:
+    """A cached property whose arrays are shared, and so cannot be written to."""
+
+    @wraps(make)
+    def made(self: Any) -> T:
+        return locked(make(self))
+
+    return cached_property(made)
 
 
 def plain_numbers(value: ArrayLike) -> Array:
@@ -100,12 +119,15 @@ def checked_members(value: Any, kind: type[Member], where: str) -> tuple[Member,
     return tuple(value)
 
 
-def check_numbers(value: Any, key: str = "", *, above: Iterable[str] = (), least: Iterable[str] = ()) -> None:
-    """Check numbers that a value has, or None in their place: those above 0, and those that are 0 or more.
+def check_numbers(
+    value: Any, key: str = "", *, above: Iterable[str] = (), least: Iterable[str] = (), finite: Iterable[str] = ()
+) -> None:
+    """Check numbers that a value has, or None in their place: those above 0, those that are 0 or more, finite ones.
 
     key: what their names begin with. Raises one InvalidInput that says all that is wrong.
     """
     said = [(name, {"above": 0.0}) for name in above] + [(name, {"least": 0.0}) for name in least]
+    said += [(name, {}) for name in finite]
     there = [(getattr(value, name), f"{key}{name}", limit) for name, limit in said if getattr(value, name) is not None]
     collect_errors(*(partial(checked, number, where, **limit) for number, where, limit in there))
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import is_dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import lru_cache
 from typing import Any, TypeVar, cast, get_args, get_type_hints
@@ -65,6 +65,20 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
         message = "; ".join(key + line for line in validation_errors(error, kind))
         raise InvalidInput(f"{where}: {message}" if where else message) from None
     return value
+
+
+def typed(kind: type[Value], given: Mapping[str, Any], where: str) -> Value:
+    """The settings of a dataclass from a mapping, whose wrong keys are refused by name.
+
+    kind: the dataclass. where: what every key begins with. Raises InvalidInput with every key that is wrong.
+    """
+    prefix = f"{where}." if where else ""
+    known = [field.name for field in fields(cast(Any, kind))]
+    for name in given:
+        if name not in known:
+            wanted = f"one of {', '.join(known)}"
+            raise InvalidInput(f"{prefix}{name}: expected {wanted}, got an unknown key{neighbour(str(name), known)}")
+    return validated(kind, dict(given), key=prefix)
 
 
 def check_fields(value: Any, key: str = "") -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -282,3 +282,11 @@ def _contact(item: ContactJson, index: int, robot: Robot | None) -> Contact:
     if wrong:
         raise InvalidInput("; ".join(f"contacts[{index}].{text}" for text in wrong))
     return Contact(patch=patches[0], **rest)
+
+
+class Sampler(Protocol):
+    """Anything that draws posture problems."""
+
+    def sample(self, rng: np.random.Generator) -> PostureProblem:
+        """Draw one."""
+        ...

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.rows import Rows
-from ..files.arrays import Array
+from ..files.arrays import Array, locked
 from ..robot.kinematics import Kinematics
 from ..robot.urdf import JOINTS
 
@@ -28,7 +28,7 @@ def standing(layout: Layout, leg_of: tuple[int, ...]) -> tuple[Index, Index]:
     of every joint."""
     holds = np.array(layout.holds)
     frame, joint = np.nonzero((holds[1:] == holds[:-1])[:, np.array(leg_of)])
-    return frame + 1, joint
+    return locked((frame + 1, joint))
 
 
 def keep_turns(rows: Rows[Any], of: tuple[Index, Index], joints: Index) -> None:

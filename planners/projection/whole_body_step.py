@@ -25,7 +25,7 @@ from ..equilibrium.objective import objective
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Toes
-from ..files.arrays import Array, cross
+from ..files.arrays import Array, cross, locked
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.leg_slopes import LegSlopes, turning
 from .clearance import Nearness, keep_clear
@@ -69,10 +69,11 @@ class TorqueRows:
         number = np.full((len(legs), len(legs)), -1)
         number[pairs] = np.arange(len(pairs[0]))
         row, other = np.nonzero(legs[joint][:, None] == legs)
+        found = (contact, layout.stance_frames[stance[contact]], joint, row, other, number[joint[row], other])
+        contact, frame, joint, row, other, pair = locked(found)
         return cls(
-            contact=contact, frame=layout.stance_frames[stance[contact]], joint=joint, row=row, other=other,
-            pair=number[joint[row], other], pairs=np.array(pairs),
-        )  # fmt: skip
+            contact=contact, frame=frame, joint=joint, row=row, other=other, pair=pair, pairs=locked(np.array(pairs))
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,6 +13,7 @@ from fnmatch import fnmatchcase
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
@@ -128,7 +129,8 @@ def builtin_actuators() -> Mapping[str, ActuatorModel]:
     """Those that come with the package, by name: ``configs/actuators.yaml``, every number with its source."""
     text = resources.files("stancekit.configs").joinpath("actuators.yaml").read_text(encoding="utf-8")
     data = parse_yaml(text, "actuators.yaml")
-    return {name: validated(ActuatorModel, each, f"actuators.yaml: {name}") for name, each in data.items()}
+    models = {name: validated(ActuatorModel, each, f"actuators.yaml: {name}") for name, each in data.items()}
+    return MappingProxyType(models)
 
 
 def read_actuators(what: str | Path) -> Actuators:

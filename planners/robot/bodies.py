@@ -39,7 +39,8 @@ ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
 """Cosine between normals of one surface, and how far from it what stands on it may be [m]."""
 
 _DRAWN_SO: WeakKeyDictionary[RobotModel, tuple[tuple[str, str], ...]] = WeakKeyDictionary()
-"""``Bodies.drawn_so`` of models that there are, each tried once."""
+"""``Bodies.drawn_so`` of models that there are, each tried once: names, which follow from the model alone, so that two
+threads that try one at a time write down the same."""
 
 
 class Bodies:

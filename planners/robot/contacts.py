@@ -134,7 +134,7 @@ def touch_of(pieces: Sequence[Placed]) -> Touch | None:
     other = max(others, key=lambda each: each[0], default=None)
     if ball is not None and (other is None or other[0] <= ball[0] + FARTHER_M):
         return ball[1]
-    if other is not None:
+    if other is not None and not unread:
         return other[1]
     if unread:
         text = "touches with a mesh that cannot be had: say with which point or ball, in a YAML file's contacts:"

@@ -142,7 +142,9 @@ class _Tree:
         if not ends:
             raise InvalidInput("legs: expected chains of two joints or more under the base, found none")
         depth = {end: self._depth(end) for end in ends}
-        legs = [end for end in ends if depth[end] < LOW * min(depth.values())]
+        arms = self._arms(ends)  # which may hang down lower than legs go
+        least = LOW * min(depth[end] for end in ends if end not in arms)
+        legs = [end for end in ends if end not in arms and depth[end] < least]
         chains = dict[int, list[_End]]()
         for end in legs:
             chains.setdefault(end.joints[0], []).append(end)
@@ -155,22 +157,23 @@ class _Tree:
                 f"legs: expected one foot a leg, joint {shown(best.names[0])} carries {best.foot} and "
                 f"{other.foot if other else '?'}"
             )
-        arms = self._arms(alone)
-        legs = [end for end in alone if end not in arms]
-        return legs, arms, self._lying([end for end in ends if end not in arms], legs)
+        low = [end for end in arms if depth[end] < least]
+        return alone, low, self._lying([end for end in ends if end not in arms], alone)
 
-    def _arms(self, legs: Sequence[_End]) -> list[_End]:
-        """Chains that are called arms, and one in the middle that is made otherwise than all the others."""
-        named = [end for end in legs if self._called(end, ARM) and not self._called(end, LEG)]
-        left = [end for end in legs if end not in named]
-        if len(left) < 2:
-            return []
-        for end in left:
-            others = [other for other in left if other is not end]
-            aside = abs(float(self._in_base[end.joints[0]].translation[1]))
-            if len(others) > 1 and aside < ALIKE * self._length(end) and not any(self._alike(end, o) for o in others):
-                return [*named, end]
-        return named
+    def _arms(self, ends: Sequence[_End]) -> list[_End]:
+        """Chains that are called arms, and those in the middle that are made otherwise than all the others; none where
+        fewer than two chains are left."""
+        named = [end for end in ends if self._called(end, ARM) and not self._called(end, LEG)]
+        left = [end for end in ends if end not in named]
+        others = {end: [other for other in left if other is not end] for end in left}
+        odd = [end for end in left if self._in_middle(end) and not any(self._alike(end, o) for o in others[end])]
+        if len(left) - len(odd) < 2:
+            odd = []
+        return [] if len(left) < 2 else [*named, *odd]
+
+    def _in_middle(self, end: _End) -> bool:
+        """Whether a chain begins in the plane between left and right."""
+        return abs(float(self._in_base[end.joints[0]].translation[1])) < ALIKE * self._length(end)
 
     def _lying(self, ends: Sequence[_End], legs: Sequence[_End]) -> list[str]:
         """Whether z seems not to point up: chains made as the legs are that do not go down, or legs that go up."""

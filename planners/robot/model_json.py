@@ -68,6 +68,8 @@ class ModelJson(_Keys):
 
 def model_to_json(model: RobotModel) -> dict[str, Any]:
     """JSON-ready values of a robot's model. Raises InvalidInput for a URDF that is too long to be kept."""
+    if model.older is not None:
+        return dict(model.older)
     if len(model.urdf) > MOST_LETTERS:
         raise InvalidInput(
             f"robot {model.name}: expected a URDF of {MOST_LETTERS} letters or fewer, got {len(model.urdf)}"
@@ -126,7 +128,8 @@ def model_from_json(raw: ModelJson, name: str) -> RobotModel:
     elsewhere = any(leg.foot != said.foot for leg, said in zip(found.legs, raw.legs, strict=True))
     if own != raw.digest or (elsewhere and raw.hulls is not None):
         raise InvalidInput("model: digest mismatch: the URDF or its legs are not those that were written")
-    return replace(found, disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)))
+    older = raw.model_dump(exclude_none=True) if raw.hulls is None else None
+    return replace(found, disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)), older=older)
 
 
 def _older_digest(raw: ModelJson) -> str:

@@ -82,7 +82,8 @@ class RobotModel:
 
     urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every link by name.
     disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe. gaps: what a
-    person has to say of it in a YAML file before anything is planned, a line each.
+    person has to say of it in a YAML file before anything is planned, a line each. older: of a model out of a file from
+    before there were hulls, what that file says of it: digests there are of this.
     """
 
     name: str
@@ -94,6 +95,7 @@ class RobotModel:
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     remarks: tuple[Remark, ...] = ()
     gaps: tuple[str, ...] = ()
+    older: Mapping[str, Any] | None = None
 
     @property
     def leg_names(self) -> tuple[str, ...]:

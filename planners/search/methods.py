@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, get_args
 
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
+from ..files.arrays import check_numbers, checked_choice
+from ..files.validation import shown
 from ..plugins import Registry, foreign, takes
-from ..projection.project import Projection
+from ..projection.project import PROJECTIONS, Projection
 from .answer import Acceptance, CoursePlanner, Planner
 
 if TYPE_CHECKING:  # what a planner needs is imported when it is asked for: a command waits for nothing else
@@ -18,16 +21,30 @@ if TYPE_CHECKING:  # what a planner needs is imported when it is asked for: a co
 
 Relaxation = Literal["lift", "envelope"]
 RELAXATIONS: tuple[Relaxation, ...] = get_args(Relaxation)
+Solver = Literal["highs", "scip", "gurobi"]
+EnvelopeUse = Literal["rows", "shrink"]
+COMMON = ("acceptance", "programs")
+"""Options that every method takes."""
+POSTURE_LIMIT_S, COURSE_LIMIT_S = 30.0, 60.0
+"""Time limits of one posture problem and of one course where none is given [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerOptions:
-    """What a planner is made with; each uses those options that concern it.
+    """The options that a planner is made with; ``METHODS`` and ``COURSE_METHODS`` say which of them each method takes.
 
-    envelopes: learned boxes; of courses also ``Modes``. relaxation: of courses, P1 of ``two-stage``. projection: P2,
-    the planner's own where None. solver, intervals: of ``micp``; envelope_use, too, of courses. gap: relative, of
-    ``micp`` and ``exact`` over courses; None takes the first point, or the default. time_limit_s: of one problem.
-    acceptance: when a claim counts. programs: to share; their engine solves the convex programs.
+    Arguments:
+        envelopes: learned boxes; of courses also ``Modes``.
+        relaxation: of courses, P1 of ``two-stage``.
+        projection: P2; the method's own where None.
+        solver, intervals: of ``micp``.
+        envelope_use: of ``micp`` over courses.
+        gap: relative, of ``micp`` and ``exact`` over courses; None takes the first point, or the default.
+        time_limit_s: of one problem; ``POSTURE_LIMIT_S`` or ``COURSE_LIMIT_S`` where None [s].
+        acceptance: when a claim counts.
+        programs: to share; their engine solves the convex programs.
+    Raises:
+        InvalidInput: for a name that there is not, and a number out of range.
     """
 
     envelopes: EnvelopeSet | Modes | None = None
@@ -35,11 +52,35 @@ class PlannerOptions:
     projection: Projection | None = None
     solver: str = "highs"
     intervals: int = 4
-    envelope_use: Literal["rows", "shrink"] = "rows"
+    envelope_use: EnvelopeUse = "rows"
     gap: float | None = None
-    time_limit_s: float = 30.0
+    time_limit_s: float | None = None
     acceptance: Acceptance = field(default_factory=Acceptance)
     programs: Programs | None = None
+
+    def __post_init__(self) -> None:
+        checked_choice(self.solver, "solver", get_args(Solver))
+        checked_choice(self.envelope_use, "envelope_use", get_args(EnvelopeUse))
+        check_numbers(self, least=("time_limit_s", "gap"))
+        if self.relaxation is not None:
+            checked_choice(self.relaxation, "relaxation", RELAXATIONS)
+        if self.projection is not None:
+            PROJECTIONS.get(self.projection)
+
+    def limit(self, default_s: float) -> float:
+        """The time limit, or this one where none was given [s]."""
+        return default_s if self.time_limit_s is None else self.time_limit_s
+
+    def check_used(self, by: str, taken: tuple[str, ...]) -> None:
+        """Raise InvalidInput for an option that was given and that a method does not take.
+
+        by: the method, for the message. taken: names of the options that it takes, beside ``COMMON``.
+        """
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if option.name not in (*taken, *COMMON) and value is not option.default and value != option.default:
+                came = shown(value) if isinstance(value, str | int | float) else type(value).__name__
+                raise InvalidInput(f"{option.name}: expected none for {by}, which has no use for it, got {came}")
 
     @property
     def boxes(self) -> EnvelopeSet | None:
@@ -54,7 +95,9 @@ class PlannerOptions:
 def _exact(options: PlannerOptions) -> Planner:
     from .exact import ExactPlanner
 
-    return ExactPlanner(acceptance=options.acceptance, time_limit_s=options.time_limit_s, programs=options.programs)
+    return ExactPlanner(
+        acceptance=options.acceptance, time_limit_s=options.limit(POSTURE_LIMIT_S), programs=options.programs
+    )
 
 
 def _p1(options: PlannerOptions) -> Planner:
@@ -82,7 +125,8 @@ def _staged(options: PlannerOptions, envelopes: EnvelopeSet | None, projection: 
 def _nlp(options: PlannerOptions) -> Planner:
     from .nlp import NlpPlanner
 
-    return NlpPlanner(acceptance=options.acceptance, time_limit_s=options.time_limit_s, programs=options.programs)
+    limit_s = options.limit(POSTURE_LIMIT_S)
+    return NlpPlanner(acceptance=options.acceptance, time_limit_s=limit_s, programs=options.programs)
 
 
 def _micp(options: PlannerOptions) -> Planner:
@@ -94,7 +138,7 @@ def _micp(options: PlannerOptions) -> Planner:
         raise InvalidInput(f"envelope: expected one envelope for micp, got {len(boxes.envelopes)}")
     return MicpPlanner(
         solver=options.solver, grid=Grid(intervals=options.intervals), envelope=boxes,
-        time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs,
+        time_limit_s=options.limit(POSTURE_LIMIT_S), acceptance=options.acceptance, programs=options.programs,
     )  # fmt: skip
 
 
@@ -104,13 +148,13 @@ def _course_two_stage(options: PlannerOptions) -> CoursePlanner:
         from .enveloped import EnvelopeCoursePlanner
 
         return EnvelopeCoursePlanner(
-            options.envelopes, projection=projection, time_limit_s=options.time_limit_s,
+            options.envelopes, projection=projection, time_limit_s=options.limit(COURSE_LIMIT_S),
             acceptance=options.acceptance, programs=options.programs,
         )  # fmt: skip
     from .two_stage import TwoStageCoursePlanner
 
     return TwoStageCoursePlanner(
-        projection=projection, time_limit_s=options.time_limit_s, acceptance=options.acceptance,
+        projection=projection, time_limit_s=options.limit(COURSE_LIMIT_S), acceptance=options.acceptance,
         programs=options.programs,
     )  # fmt: skip
 
@@ -125,42 +169,53 @@ def _course_micp(options: PlannerOptions) -> CoursePlanner:
     return MicpPlanner(
         solver=options.solver, grid=Grid(intervals=options.intervals, envelope_use=options.envelope_use),
         envelope=options.envelopes, gap=options.gap, projection=options.projection or "scp",
-        time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs,
+        time_limit_s=options.limit(COURSE_LIMIT_S), acceptance=options.acceptance, programs=options.programs,
     )  # fmt: skip
 
 
 def _course_nlp(options: PlannerOptions) -> CoursePlanner:
     from .nlp import NlpPlanner
 
-    _check_without("nlp", options)
-    return NlpPlanner(time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs)
+    limit_s = options.limit(COURSE_LIMIT_S)
+    return NlpPlanner(time_limit_s=limit_s, acceptance=options.acceptance, programs=options.programs)
 
 
 def _course_decoupled(options: PlannerOptions) -> CoursePlanner:
     from .decoupled import DecoupledPlanner
 
-    _check_without("decoupled", options)
     return DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
 
 
 def _course_exact(options: PlannerOptions) -> CoursePlanner:
     from .exact import ExactCoursePlanner
 
-    _check_without("exact", options)
     return ExactCoursePlanner(
-        gap=1e-3 if options.gap is None else options.gap, time_limit_s=options.time_limit_s,
+        gap=1e-3 if options.gap is None else options.gap, time_limit_s=options.limit(COURSE_LIMIT_S),
         acceptance=options.acceptance, programs=options.programs,
     )  # fmt: skip
 
 
-def _check_without(name: str, options: PlannerOptions) -> None:
-    if options.envelopes is not None:
-        raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
-
-
-METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")
-"""The planners of postures that are the package's own."""
-COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
+EVERY_OPTION = tuple(option.name for option in fields(PlannerOptions))
+METHODS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "exact": ("time_limit_s",),
+        "p1": ("envelopes", "projection"),
+        "lift": ("projection",),
+        "two-stage": ("envelopes", "projection"),
+        "nlp": ("time_limit_s",),
+        "micp": ("envelopes", "solver", "intervals", "time_limit_s"),
+    }
+)
+"""The planners of postures that are the package's own, and the options that each takes beside ``COMMON``."""
+COURSE_METHODS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "two-stage": ("envelopes", "relaxation", "projection", "time_limit_s"),
+        "micp": ("envelopes", "projection", "solver", "intervals", "envelope_use", "gap", "time_limit_s"),
+        "nlp": ("time_limit_s",),
+        "decoupled": ("time_limit_s",),  # ends long before any: a handful of convex programs
+        "exact": ("gap", "time_limit_s"),
+    }
+)
 """And those of courses."""
 PLANNERS: Registry[Callable[[PlannerOptions], Planner]] = Registry(
     "method", "stancekit.planners", {name: f"{__name__}:_{name.replace('-', '_')}" for name in METHODS},
@@ -180,19 +235,21 @@ def make_planner(method: str, options: PlannerOptions = PlannerOptions()) -> Pla
 
     method: a name of ``PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
     options: its projection is P2 after ``two-stage`` (SCP where None), ``p1`` or ``lift`` (none where None).
-    Raises InvalidInput for an unknown method, an envelope that is missing, or a solver that is not installed.
+    Raises InvalidInput for an unknown method, an option that it does not take, an envelope that is missing, or a solver
+    that is not installed.
     """
     make = PLANNERS.get(method)
     if _is_own(make):
+        options.check_used(method, METHODS.get(method, EVERY_OPTION))
         return make(options)
     from .verified import VerifiedPlanner
 
     with foreign(f"method {method}"):
-        planner = make(replace(options, acceptance=replace(options.acceptance)))
+        planner = make(_copied(options, POSTURE_LIMIT_S))
     return VerifiedPlanner(planner, method, options.acceptance)
 
 
-def make_course_planner(name: str, options: PlannerOptions = PlannerOptions(time_limit_s=60.0)) -> CoursePlanner:
+def make_course_planner(name: str, options: PlannerOptions = PlannerOptions()) -> CoursePlanner:
     """Make a planner of courses.
 
     name: of ``COURSE_PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
@@ -202,10 +259,8 @@ def make_course_planner(name: str, options: PlannerOptions = PlannerOptions(time
     installed.
     """
     make, relaxation, envelopes = COURSE_PLANNERS.get(name), options.relaxation, options.envelopes
-    if relaxation is not None and relaxation not in RELAXATIONS:
-        raise InvalidInput(f"relaxation: expected one of {', '.join(RELAXATIONS)}, got {relaxation!r}")
-    if relaxation is not None and name in COURSE_METHODS and name != "two-stage":
-        raise InvalidInput(f"relaxation: expected none for {name}, got {relaxation!r}")
+    if _is_own(make):
+        options.check_used(name, COURSE_METHODS.get(name, EVERY_OPTION))
     if relaxation == "lift" and envelopes is not None:
         raise InvalidInput("envelopes: expected none for the lift, which has no use for them")
     if relaxation == "envelope" and envelopes is None:
@@ -214,12 +269,13 @@ def make_course_planner(name: str, options: PlannerOptions = PlannerOptions(time
         return make(options)
     from .verified import VerifiedCoursePlanner
 
+    whole_s = options.limit(COURSE_LIMIT_S)
+
     def remake(limit_s: float) -> CoursePlanner:
-        limited = min(limit_s, options.time_limit_s)
-        return make(replace(options, time_limit_s=limited, acceptance=replace(options.acceptance)))
+        return make(_copied(replace(options, time_limit_s=min(limit_s, whole_s)), whole_s))
 
     with foreign(f"planner {name}"):
-        planner = remake(options.time_limit_s)
+        planner = remake(whole_s)
     return VerifiedCoursePlanner(planner, name, options.acceptance, remake)
 
 
@@ -230,6 +286,11 @@ def through_verifier(planner: CoursePlanner) -> CoursePlanner:
     from .verified import VerifiedCoursePlanner
 
     return VerifiedCoursePlanner(planner, str(getattr(planner, "name", type(planner).__name__)), Acceptance())
+
+
+def _copied(options: PlannerOptions, limit_s: float) -> PlannerOptions:
+    """Options for a planner from elsewhere, which may write to what it is given; with a time limit always."""
+    return replace(options, acceptance=replace(options.acceptance), time_limit_s=options.limit(limit_s))
 
 
 def _is_own(make: Callable[[PlannerOptions], object]) -> bool:

@@ -9,7 +9,6 @@ Unlike the exact planner's, this search shows how tight McCormick envelopes are,
 from __future__ import annotations
 
 import heapq
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +63,7 @@ class BoxSearch:
         self._problem, self._scaled, self._programs = problem, scaled, programs
         self._projection, self._acceptance = projection, acceptance
         self._queue: list[tuple[float, int, OpenBox]] = []
-        self._order = itertools.count()
+        self._pushed = 0
         self.solves = 0
         self.refuted = 0
         self.posture: Posture | None = None
@@ -111,7 +110,8 @@ class BoxSearch:
         node, point = found
         if point is not None:
             self.posture = self._project(point)
-        heapq.heappush(self._queue, (node.margin, next(self._order), node))
+        self._pushed += 1
+        heapq.heappush(self._queue, (node.margin, self._pushed, node))
 
     def _relax(self, box: Envelope, depth: int) -> tuple[OpenBox, Point | None] | None:
         """P1 over the box; None where it is refuted. A solver that gives up leaves the box open, with no point."""

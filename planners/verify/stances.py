@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.outcome import Posture
-from ..files.arrays import Array
+from ..files.arrays import Array, cached_arrays, locked
 from ..problem import Contact, PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cross, length, patch_distances
@@ -43,43 +43,43 @@ class Schedule:
     row_limb: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (H,), of each half-space of reach
     apart: Index = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))  # (L, 2): ``relative_rows``
 
-    @cached_property
+    @cached_arrays
     def foothold(self) -> Index:
         """Of every limb that carries, shape (B,)."""
         return np.asarray(self.holds[self.frame[self.stance], self.limb])
 
-    @cached_property
+    @cached_arrays
     def moves(self) -> Index:
         """(foothold before, foothold after) of every toe that moves, in order of frame, then limb; shape (K, 2)."""
         changed = self.holds[1:] != self.holds[:-1]
         return np.stack([self.holds[:-1][changed], self.holds[1:][changed]], axis=1)
 
-    @cached_property
+    @cached_arrays
     def standing(self) -> Index:
         """All (frame, limb), flat, in order of the foothold there, shape (M·N,)."""
         return np.asarray(np.argsort(self.holds.ravel(), kind="stable"))
 
-    @cached_property
+    @cached_arrays
     def first_standing(self) -> Index:
         """Where in ``standing`` each foothold begins, shape (P,)."""
         return np.asarray(np.searchsorted(np.sort(self.holds.ravel()), np.arange(self.holds.max() + 1)))
 
-    @cached_property
+    @cached_arrays
     def by_foothold(self) -> Index:
         """The limbs that carry in a stance, in order of their foothold, shape (B,)."""
         return np.asarray(np.argsort(self.foothold, kind="stable"))
 
-    @cached_property
+    @cached_arrays
     def borne(self) -> Index:
         """In how many stances something rests on each foothold, shape (P,)."""
         return np.bincount(self.foothold, minlength=int(self.holds.max()) + 1)
 
-    @cached_property
+    @cached_arrays
     def first_borne(self) -> Index:
         """Where in ``by_foothold`` each foothold begins, shape (P,)."""
         return np.asarray(np.cumsum(self.borne) - self.borne)
 
-    @cached_property
+    @cached_arrays
     def on_foothold(self) -> Array:
         """Ones where a limb that carries is on a foothold, shape (B, P)."""
         table = np.zeros((len(self.stance), len(self.borne)))
@@ -93,10 +93,11 @@ class Schedule:
         limbs = np.arange(len(rows))
         stance_contact, point = expanded(limbs, points)
         zeros = np.zeros(len(stance_contact), dtype=np.intp)
+        row_limb = np.repeat(limbs, rows)
+        limbs, zeros, stance_contact, point, row_limb = locked((limbs, zeros, stance_contact, point, row_limb))
         return Schedule(
-            holds=limbs[None], frame=zeros[:1], stance=zeros, limb=stance_contact, point=point,
-            row_limb=np.repeat(limbs, rows),
-        )  # fmt: skip
+            holds=limbs[None], frame=zeros[:1], stance=zeros, limb=stance_contact, point=point, row_limb=row_limb
+        )
 
     @staticmethod
     def of_course(course: Course) -> Schedule:

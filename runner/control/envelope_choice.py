@@ -64,11 +64,7 @@ class SelectorPolicy:
         """The planner of the coming key frames."""
         within = None
         with suppress(InvalidInput):  # legs or patches that nothing was learned of
-            boxes_of(observation.window, self.learned)
-            boxes = chosen(self._selector, self.learned, observation.window)
-            if boxes is not None:
-                boxes = replace(boxes, boxes=tuple(box.widened(ROOM) for box in boxes.boxes))
-                within = EnvelopeCoursePlanner(boxes, max_nodes=NODES, programs=self._programs)
+            within = within_chosen(self._selector, self.learned, observation.window, self._programs)
         self.planners.append(EnvelopeOrLift(within, self._lift))
         return self.planners[-1]
 
@@ -85,6 +81,38 @@ class SelectorPolicy:
         planned = [planner for planner in self.planners if planner.within_last is not None]
         inside = sum(bool(planner.within_last) for planner in planned)
         return inside, len(planned) - inside
+
+
+class SelectorPlanner:
+    """The planner that asks a selector about every stance of its course, and plans within what it chooses.
+
+    learned: as for ``SelectorPolicy``. Raises InvalidInput for a course with a stance that is not by its legs.
+    """
+
+    name = "two-stage"
+
+    def __init__(self, selector: Predictor, learned: EnvelopeSet, *, programs: Programs | None = None) -> None:
+        self._selector, self._learned, self._programs = selector, learned, programs or Programs()
+
+    def solve(self, course: Course) -> PlanOutcome:
+        """Answer one course."""
+        return within_chosen(self._selector, self._learned, course, self._programs).solve(course)
+
+
+def within_chosen(
+    selector: Predictor, learned: EnvelopeSet, course: Course, programs: Programs
+) -> EnvelopeCoursePlanner:
+    """A planner within the boxes that a selector chooses for a course, widened by ``ROOM``.
+
+    Raises InvalidInput for a course with legs or patches that nothing was learned of.
+    """
+    boxes_of(course, learned)
+    boxes = chosen(selector, learned, course)
+    if boxes is None:
+        legs = ", ".join(learned.legs)
+        raise InvalidInput(f"{course.name}: expected stances by {legs} or the legs opposite to them, got others")
+    boxes = replace(boxes, boxes=tuple(box.widened(ROOM) for box in boxes.boxes))
+    return EnvelopeCoursePlanner(boxes, max_nodes=NODES, programs=programs)
 
 
 def chosen(selector: Predictor, learned: EnvelopeSet, course: Course) -> StanceBoxes | None:

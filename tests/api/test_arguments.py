@@ -9,8 +9,8 @@ import pytest
 import stancekit
 
 VERBS = ("draw", "evaluate", "explain", "fit", "label", "load", "plan", "sample", "save", "solve", "verify", "walk")
-BY_NAME = {("fit", "settings"), ("solve", "projection"), ("solve", "solver")}
-"""Arguments that are names or have names, checked by who knows them, where a method uses them."""
+BY_NAME = {("fit", "settings")}
+"""Arguments that have names of their own, checked by who knows them."""
 
 
 class Nothing:

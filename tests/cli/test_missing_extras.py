@@ -39,7 +39,7 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "bullet": (("pybullet",), ("simulate climb.json --world bullet",)),
     "mujoco": (("mujoco",), ("simulate climb.json", "demo")),
     "terrain": (
-        ("trimesh", "shapely", "pypcd4", "PIL"),
+        ("trimesh", "shapely", "pypcd4"),
         ("terrain stones.obj", "plan stones.obj --start 0,0 --goal 1,0", "gait stones.obj --goal 1,0",
          "terrain cloud.pcd", "sample terrain-3 --terrain stones.obj"),
     ),
@@ -51,6 +51,19 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "log": (("mcap",), ("run climb.json --log run.mcap", "replay run.mcap")),
 }  # fmt: skip
 """By extra: the modules that are hidden, and commands that need one of them."""
+CLOUD = """# .PCD v0.7
+VERSION 0.7
+FIELDS x y z
+SIZE 4 4 4
+TYPE F F F
+COUNT 1 1 1
+WIDTH 1
+HEIGHT 1
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS 1
+DATA ascii
+0 0 0
+"""
 HIDDEN = """
 import sys
 from importlib.machinery import PathFinder
@@ -90,7 +103,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "ros.yaml").write_text(f"format: stancekit/ros/1\nrobot: hexapod\njoints:\n{names}\n")
     (folder / "task.yaml").write_bytes(config_path("train-selection.yaml").read_bytes())
     (folder / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
-    (folder / "cloud.pcd").write_text("# .PCD v0.7\n")
+    (folder / "cloud.pcd").write_text(CLOUD)
     return folder
 
 

@@ -284,7 +284,7 @@ def test_a_time_limit_that_is_none_is_refused_in_one_line(stancekit, limit):
 
 
 def test_what_there_is_when_the_time_ends_is_said_in_one_line(stancekit):
-    ended = stancekit("plan", "walls", "--time-limit-s", "0", "--json")
+    ended = stancekit("plan", "walls", "--time-limit-s", "1e-6", "--json")
     assert (ended.code, ended.records[0]["status"]) == (1, "undecided")
     assert ended.records[0]["message"] == "the time limit ended before the search for contacts began"
     assert ended.err == f"stancekit: no plan: walls: {ended.records[0]['message']}\n"

@@ -8,15 +8,18 @@ import gymnasium
 import pytest
 
 import stancekit.envs
-from stancekit.envs import refinement, scene_sources, selection, selection_task, traverse, warped_gait
+from stancekit.envs import refinement, selection, selection_task, traverse, warped_gait
 
 SECTIONS = ("Description", "Observation Space", "Action Space", "Reward", "Starting State", "Episode End", "Info",
             "Arguments", "Version History")  # fmt: skip
 SIZES = {"N": 3, "E": 4}
 OF_TRAVERSE = {"H": 2, "N": 6, "R": 1, "U": 4}
-SETTINGS = {selection.EnvelopeSelectionEnv: selection_task.SelectionSettings,
-            refinement.EnvelopeRefinementEnv: scene_sources.SceneSettings,
-            traverse.TraverseEnv: traverse.TraverseSettings}  # fmt: skip
+SETTINGS = {
+    selection.EnvelopeSelectionEnv: selection_task.SelectionSettings,
+    refinement.EnvelopeRefinementEnv: refinement.RefinementSettings,
+    traverse.TraverseEnv: traverse.TraverseSettings,
+    warped_gait.WarpedGaitEnv: warped_gait.GaitEnvSettings,
+}
 IDS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/"))
 
 

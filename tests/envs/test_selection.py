@@ -206,11 +206,14 @@ def library(problem_class="wall-3", legs=("RF", "RR", "LM"), boxes=2):
 
 
 def test_info_has_these_keys(selection):
-    _, info = selection.reset(seed=0)
-    assert info == {}
+    _, before = selection.reset(seed=0)
     info = selection.step(DOMAIN)[4]
+    assert list(before) == list(info)
+    known = ("label", "expert_point", "expert_lower_bound")
+    assert all(np.array_equal(before[name], info[name]) for name in known)
+    assert not any(np.any(before[name]) for name in before if name not in known)
     assert list(info) == [
-        *("label", "p1_feasible", "margin", "gap", "log_volume", "chosen"),
+        *("label", "p1_feasible", "p1_right", "is_success", "margin", "gap", "log_volume", "chosen"),
         *("project_fix_p", "project_fix_f", "project_fix_toes", "project_scp"),
         *("reward_agreement", "reward_projection", "reward_tightness"),
         *("expert_point", "expert_lower_bound", "p1_seconds", "p2_seconds", "expert_seconds"),
@@ -226,7 +229,8 @@ def test_an_episode_is_one_step_whose_reward_is_the_sum_of_its_terms(selection):
         _, reward, terminated, truncated, info = selection.step(DOMAIN)
         assert (terminated, truncated) == (True, False)
         assert reward == info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]
-        assert info["reward_agreement"] == (info["p1_feasible"] == info["label"])
+        assert info["reward_agreement"] == info["p1_right"] == (info["p1_feasible"] == info["label"])
+        assert info["is_success"] == (info["project_fix_p"] if info["label"] else not info["p1_feasible"])
         assert info["reward_projection"] == 0.5 * info["project_fix_p"]
         assert info["reward_tightness"] == pytest.approx(0.0)
         assert info["project_fix_p"] <= info["project_scp"] <= info["label"]
@@ -344,8 +348,8 @@ def test_a_label_that_never_comes_up_is_told(monkeypatch):
     [
         ({"problem": 3}, "distribution: expected one of ground-3, wall-3, wall-5, "
          "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 3"),
-        ({"boxes": 0}, "boxes: expected an integer of at least 1, got 0"),
-        ({"boxes": 1.5}, "boxes: expected an integer of at least 1, got 1.5"),
+        ({"boxes": 0}, "boxes: expected 1 or more, got 0"),
+        ({"boxes": 1.5}, "boxes: expected an integer, got 1.5"),
         ({"projections": ()}, "projections: expected one or more, got none"),
         (
             {"projections": ("magic",)},
@@ -353,7 +357,7 @@ def test_a_label_that_never_comes_up_is_told(monkeypatch):
         ),
         (
             {"relaxation": "joint", "boxes": 2},
-            "relaxation: expected p1, or joint over one box without a library, got 'joint' with 2 boxes and no library",
+            "relaxation: expected joint over one box without a library, got it with 2 boxes and no library",
         ),
         ({"library": "none.json"}, "none.json: expected a file, found nothing there"),
         (

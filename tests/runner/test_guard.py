@@ -97,6 +97,40 @@ def test_a_joint_that_does_not_follow_stops_the_run_and_is_named() -> None:
     assert len(world.commands) == 11
 
 
+@pytest.mark.parametrize("share", [2, 3])
+def test_a_joint_that_does_not_follow_is_found_also_when_some_measurements_say_that_it_does(share: int) -> None:
+    world = MemoryWorld()
+    safe = guarded(world, limits=Limits(path_rad=0.11, path_s=0.05))
+    world.stuck, count = [7], iter(range(1000))
+    world.spoil = lambda state: replace(state, angles_rad=state.sent_rad) if next(count) % share == 0 else state
+
+    def moved() -> None:
+        for k in range(1, 80):
+            safe.step(START + min(0.02 * k, 0.3) * (np.arange(24) == 7))
+
+    with pytest.raises(Stopped, match=r"joint LM_knee: 0.\d+ rad from where it was sent"):
+        moved()
+
+
+def test_a_joint_that_seems_to_be_away_now_and_then_is_no_reason_to_stop() -> None:
+    world = MemoryWorld()
+    safe = guarded(world, limits=Limits(path_rad=0.11, path_s=0.05))
+    count = iter(range(1000))
+    world.spoil = lambda state: replace(state, angles_rad=state.sent_rad + 0.2) if next(count) % 4 == 0 else state
+    for _ in range(100):
+        safe.step(START)
+    assert safe.sent == 100
+
+
+def test_a_device_that_may_still_move_after_a_hold_is_left_to_itself_and_the_report_says_why() -> None:
+    world = MemoryWorld()
+    safe = guarded(world)
+    safe.step(START)
+    world.pending = "commands may still come"  # type: ignore[attr-defined]
+    found = end(safe, "hold", None, 0.4)
+    assert (found.left, found.message) == ("left to the device", "commands may still come")
+
+
 def test_what_a_device_does_wrong_stops_the_run_and_nothing_is_sent_again() -> None:
     world = MemoryWorld()
     safe = guarded(world)

@@ -1,6 +1,10 @@
 """The page that takes somebody from simulation to servos: its course can be planned, its code runs, its keys exist."""
 
+import json
 import re
+import shlex
+import subprocess
+import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -8,6 +12,8 @@ import pytest
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("roslibpy")
+pytest.importorskip("websockets")
+pytest.importorskip("mcap")
 pytest.importorskip("dynamixel_sdk")
 
 from stancekit.planners.answer.plan_file import write_plan
@@ -41,6 +47,33 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
         made = make_world(world, plan.course.robot, setup=Path(setup))
         accepted.check_fits(made)
         made.close()
+
+
+def test_the_commands_behind_a_rosbridge_run_as_the_page_prints_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    part = PAGE[PAGE.index("## A robot behind a rosbridge") : PAGE.index("| key | meaning |")]
+    (course,) = (text for language, text in BLOCKS if language == "yaml")
+    Path("desk.yaml").write_text(course)
+    found = re.findall(r"```(python|sh)\n(.*?)```", part, re.DOTALL)
+    lines = [line for language, text in found if language == "sh" for line in text.splitlines()]
+    assert [line.split()[1] for line in lines] == ["emulate", "run", "run", "replay"]
+    command = [sys.executable, "-m", "stancekit.cli.main"]
+    subprocess.run([*command, "plan", "desk.yaml", "--out", "desk.json"], check=True, capture_output=True)
+    (snippet,) = (text for language, text in found if language == "python")
+    exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
+    words = [*command, *shlex.split(lines[0], comments=True)[1:], "--port", "0"]  # 9090 may be somebody else's
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulator:
+        assert emulator.stdin is not None
+        assert emulator.stdout is not None
+        port = json.loads(emulator.stdout.readline())["port"]
+        Path("ros.yaml").write_text(Path("ros.yaml").read_text().replace("port: 9090", f"port: {port}"))
+        for line in lines[1:]:
+            done = subprocess.run([*command, *shlex.split(line, comments=True)[1:]], capture_output=True, text=True)
+            assert done.returncode == 0, f"{line}: {done.stdout}{done.stderr}"
+        emulator.stdin.close()
+        assert emulator.wait(20) == 0
 
 
 def test_the_table_of_the_set_up_file_has_all_of_its_keys() -> None:

@@ -64,7 +64,7 @@ def guarded_server(host: str) -> Iterator[None]:
 
     Raises InvalidInput where viser does not make its server as it did.
     """
-    websockets = import_module("websockets.asyncio.server")
+    websockets: Any = import_module("websockets.asyncio.server")
     made, names, guarded = websockets.serve, own_names(host), []
 
     def serve(*arguments: Any, **options: Any) -> Any:

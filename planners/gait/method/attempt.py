@@ -89,11 +89,17 @@ class Attempted:
 
 
 class Workbench:
-    """A task with what has been written down for it: a program a chart, and the map of the terrain."""
+    """A task with what has been written down for it: a program a chart, and the map of the terrain.
+
+    One thread at a time may use it. A copy (deepcopy, pickle) has the map, and writes its own programs.
+    """
 
     def __init__(self, task: GaitTask, settings: GaitSettings | None = None, warp: SplineMap | None = None) -> None:
         self.task, self.settings, self.warp = task, settings or GaitSettings(), warp
         self._programs: dict[str, GaitProgram] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_programs": {}}
 
     def program(self, chart: str) -> GaitProgram:
         """The task in this chart, written down once. Raises InvalidInput, and PlanningFailed for a map that folds."""

@@ -16,6 +16,7 @@ LATE_MS = 125.0
 """Latency for which an answer is waited, twice over, when it is asked whether answers are late."""
 CALM_S = 0.15
 """So long nothing may come before a servo is asked how long it takes to answer."""
+BACK = "no answers came for a while, and now they do: did the adapter, or its cable, hang?"
 BABBLE = "bytes come without end, though nobody was asked: is another program, or a faulty servo, on the bus?"
 
 
@@ -37,18 +38,17 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
         if result != SOUND:
             silent.append(index)
         if len(silent) == BLAMED:
-            late(bus, silent[0])
-            names = ", ".join(bus.label(i) for i in silent)
-            raise HardwareFault(f"{names}: no answer, maybe more of them; has the bus power?")
+            break
     if silent:
-        late(bus, silent[0])
+        if late(bus, silent[0]) is not None:
+            raise HardwareFault(f"port {bus.port}: {BACK}")
         names = ", ".join(bus.label(i) for i in silent)
-        raise HardwareFault(f"{names}: no answer; is it connected and powered?")
+        many = "maybe more of them; has the bus power?"
+        why = f"no answer, {many}" if len(silent) == BLAMED else "no answer; is it connected and powered?"
+        raise HardwareFault(f"{names}: {why}")
     _one_by_one(bus, address, size)
     if bus.peek(address, size) is not None:
-        raise HardwareFault(
-            f"port {bus.port}: no answers came for a while, and now they do: did the adapter, or its cable, hang?"
-        )
+        raise HardwareFault(f"port {bus.port}: {BACK}")
     raise HardwareFault(
         f"port {bus.port}: every servo answers alone, and not with the others by Sync Read: is the Return Delay Time "
         "of one too long, or the bus disturbed?"
@@ -100,19 +100,21 @@ def _pinged(bus: ServoBus, index: int) -> int:
     return result
 
 
-def late(bus: ServoBus, index: int) -> None:
-    """Raise HardwareFault where a silent servo does answer, but later than the port waits.
+def late(bus: ServoBus, index: int) -> int | None:
+    """Model number of a servo that was silent and answers in time now; None where it does not.
 
-    To be asked before many more pings wait for their answers.
+    To be asked before many more pings wait for their answers. Raises HardwareFault where it answers later than the
+    port waits.
     """
     bus.calm(CALM_S)
-    _, result, took_s = bus.reach(index, LATE_MS)
+    number, result, took_s = bus.reach(index, LATE_MS)
     took_ms, allowed_ms = 1e3 * took_s, 2.0 * bus.latency_ms
     if result == SOUND and took_ms > allowed_ms:
         raise HardwareFault(
             f"port {bus.port}: {bus.label(index)} answers after {took_ms:.0f} ms, latency_ms {bus.latency_ms:g} allows "
             f"{allowed_ms:.0f}: set the adapter's latency timer to 1 ms, or latency_ms to {took_ms / 2.0 + 10.0:.0f}"
         )
+    return number if result == SOUND else None
 
 
 def _one_by_one(bus: ServoBus, address: int, size: int) -> None:

@@ -28,7 +28,7 @@ def check_servos(bus: ServoBus, model: table.Model) -> None:
     for index in range(count):
         numbers.append(bus.ping(index))
         if numbers.count(None) == 1 and numbers[-1] is None:
-            late(bus, index)
+            numbers[-1] = late(bus, index)
     silent = [i for i, number in enumerate(numbers) if number is None]
     if silent:
         unanswered(bus, silent)

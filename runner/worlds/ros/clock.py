@@ -73,7 +73,7 @@ def stamp_of(message: Any) -> float | None:
     """The stamp of a message of ROS 1 or 2 [s]; None where it has none, or 0."""
     stamp = _stamp(message)
     whole, nanos = stamp.get("secs", stamp.get("sec")), stamp.get("nsecs", stamp.get("nanosec"))
-    if not all(isinstance(each, int) and not isinstance(each, bool) for each in (whole, nanos)):
+    if type(whole) is not int or type(nanos) is not int:
         return None
     seconds = float(whole) + 1e-9 * float(nanos)
     return seconds if 0.0 < seconds < 1e11 else None

@@ -141,7 +141,9 @@ def _point(
 ) -> tuple[Array | None, Array]:
     """Positions and velocities of one of these points in the robot's order; None, and NaN, where it has none."""
     unknown = np.full(len(mapping.names), np.nan)
-    point = next((message[key] for key in keys if isinstance(message.get(key), dict)), {})
+    point: dict[str, Any] = next(
+        (message[key] for key in keys if isinstance(message.get(key), dict)), {}
+    )
     rows = [point.get(key) for key in ("positions", "velocities")]
     if sorted(names) != sorted(mapping.names):
         return None, unknown

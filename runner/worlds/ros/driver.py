@@ -186,7 +186,7 @@ class RosWorld(HardwareWorld):
         if self._switched:
             self._robot.switch(False)
             self._switched = False
-        self.pending = self._robot.settle(1.0 / self.rate_hz)
+        self.pending = self._robot.settle(1.0 / self.rate_hz, self.beat)
 
     def relax(self) -> None:
         """Switch the controller off. Raises HardwareFault where that cannot be done."""

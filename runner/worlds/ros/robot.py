@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,8 @@ FEW = 3
 """Joint states are late after so many of their periods, where that is more than ``stale_s``."""
 PERIODS = 2
 """Nothing is sent while the newest joint states are older than so many periods, of theirs and of the commands."""
+ANSWER_S = 0.1
+"""So long a rosbridge may take to answer before it is asked again."""
 STILL_S, REST_S = 0.15, 1.0
 """A robot that did not move for STILL_S is at rest; so long is waited for that after a stop."""
 TAKEN_S = 1.0
@@ -197,8 +199,9 @@ class RosRobot:
             kind = self.kind("trajectory_msgs", "JointTrajectory")
             (link or self.link).publish(self._command, kind, standstill(self.mapping.names, 1))
 
-    def settle(self, period_s: float) -> str:
-        """Wait until nothing moves any more; what may still come, empty where nothing may. period_s: of the commands.
+    def settle(self, period_s: float, beat: Callable[[], None]) -> str:
+        """Wait until nothing moves any more; what may still come, empty where nothing may. period_s: of the commands;
+        beat: called while it waits.
 
         A rosbridge that is late is sent a command to hold, for what waits in it.
         """
@@ -209,7 +212,8 @@ class RosRobot:
             self.halt()
         end, read = time.monotonic() + REST_S, False
         while time.monotonic() < end and self.link.alive:
-            read = read or self.link.answers(max(end - time.monotonic(), 0.0))
+            beat()
+            read = read or self.link.answers(ANSWER_S)
             now, newest_s = time.monotonic(), time.monotonic() - float(self.states.age_s().max())
             still_s = newest_s - max(self.states.moved_s(), self._sent_s + self.setup.lead_s)
             if read and still_s > STILL_S and self.fresh(period_s):
@@ -220,7 +224,8 @@ class RosRobot:
             return "it still moves: another client of the controller?"
         void = self._void_s + self.setup.stale_s
         if now < void < np.inf:
-            time.sleep(void - now)
+            beat()
+            time.sleep(min(void - now, REST_S))
         what = "the connection is lost" if not self.link.alive else "nothing is heard"
         if void < np.inf:
             return f"{what}; what was sent is out of date by its stamps, and is not acted on any more"

@@ -11,13 +11,13 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.genetic import GeneticSettings
 from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.learners.settings import typed
 from stancekit.learners.training.envelope_methods import ENVELOPES, fit
 from stancekit.learners.training.fit_settings import KNOBS, FitSettings
 from stancekit.learners.training.fitting import METHODS, learn, learn_selector
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.validation import typed
 
 SETTINGS = FitSettings(
     steps=2,

@@ -78,7 +78,7 @@ def cone() -> Array:
 GEOMETRY = {
     "sphere": f'<sphere radius="{R}"/>', "capsule": f'<capsule radius="{R}" length="0.06"/>',
     "ball-mesh": '<mesh filename="ball.obj"/>', "box": f'<box size="{2 * R} {2 * R} {2 * R}"/>',
-    "cylinder": '<cylinder radius="0.05" length="0.02"/>', "cone-mesh": '<mesh filename="cone.obj"/>',
+    "cylinder": '<cylinder radius="0.035" length="0.02"/>', "cone-mesh": '<mesh filename="cone.obj"/>',
 }  # fmt: skip
 FILES = {"ball-mesh": {"ball.obj": obj(ball())}, "cone-mesh": {"cone.obj": obj(cone())}}
 
@@ -199,11 +199,11 @@ def _described() -> Iterator[Made]:
     yield Made(name="box-in-a-ball", urdf=quadruped(shape="box"),
                keys=f'contacts: {{"*_foot": {{radius_m: {around:.5f}}}}}\n')  # fmt: skip
     yield Made(name="cylinder-in-a-ball", urdf=quadruped(shape="cylinder"),
-               keys='contacts: {"*_foot": {radius_m: 0.052}}\n')  # fmt: skip
+               keys='contacts: {"*_foot": {radius_m: 0.037}}\n')  # fmt: skip
     yield Made(name="cone-in-a-ball", urdf=quadruped(shape="cone-mesh"), files=FILES["cone-mesh"],
                keys='contacts: {"*": {point_m: [0, 0, 0.005], radius_m: 0.0355}}\n')  # fmt: skip
     yield Made(name="wheel-as-a-point", urdf=quadruped(shape="cylinder"), keys='contacts: {"*_foot": {}}\n',
-               wrong="its wheels are 5 cm deep where its points stand")  # fmt: skip
+               wrong="its wheels are 3.5 cm deep where its points stand")  # fmt: skip
     yield Made(name="box-as-a-small-ball", urdf=quadruped(shape="box"), keys='contacts: {"*_foot": {radius_m: 0.01}}\n',
                wrong="its boxes are deeper than the ball")  # fmt: skip
 

@@ -168,7 +168,7 @@ def test_hulls_are_of_all_corners() -> None:
         ("feet-without-mass", "links LF_foot, RF_foot, LH_foot, RH_foot: a foot without a mass"),
         ("joints-without-effort", "no torque limit"),
         ("knees-that-slide", "joints LF_KFE, RF_KFE, LH_KFE, RH_KFE: slides"),
-        ("in-millimetres", "a leg of 400 m: other units?"),
+        ("in-millimetres", "m: other units?"),
         ("a-heel-below-its-foot", "LF_shank: touches with a box"),
         ("feet-missing", "touches with a mesh that cannot be had"),
         ("feet-squashed", "touches with a mesh"),

@@ -27,8 +27,8 @@ def whole(problems):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_answers_with_evidence_and_never_against_the_exact_one(method, problems, whole):
-    envelopes = whole if method in ("p1", "two-stage") else None
-    planner = make_planner(method, PlannerOptions(envelopes=envelopes, intervals=2))
+    options = {"envelopes": whole} if method in ("p1", "two-stage") else {"intervals": 2} if method == "micp" else {}
+    planner = make_planner(method, PlannerOptions(**options))
     truth = [ExactPlanner().solve(problem).status for problem in problems]
     assert {Status.FEASIBLE, Status.INFEASIBLE} <= set(truth)
     for problem, status in zip(problems, truth, strict=True):

@@ -1,0 +1,140 @@
+"""Arguments and settings, held against their annotations: what does not fit is one line that says so."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from numbers import Integral, Real
+from pathlib import Path
+from types import MappingProxyType, NoneType, UnionType
+from typing import Any, Literal, ParamSpec, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from .errors import InvalidInput
+from .files.validation import neighbour, shown
+
+P = ParamSpec("P")
+R = TypeVar("R")
+Settings = TypeVar("Settings")
+PLAIN = (NoneType, bool, int, float, str)
+"""What a message shows itself; of other things it shows the type."""
+WORDS = {
+    NoneType: "None", bool: "True or False", int: "an integer", float: "a number", str: "text", Path: "a Path",
+    type: "a class", np.ndarray: "an array", Mapping: "a mapping", Callable: "something to call",
+}  # fmt: skip
+
+
+def checked(verb: Callable[P, R]) -> Callable[P, R]:
+    """The same function, which raises InvalidInput for an argument of a type or a name that its annotation lacks.
+
+    A protocol is fulfilled by an instance with its methods.
+    """
+    signature = inspect.signature(verb)
+    kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    single = [name for name, parameter in signature.parameters.items() if parameter.kind not in kinds]
+
+    @functools.wraps(verb)
+    def held(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            hints, given = _hints(verb), signature.bind(*args, **kwargs).arguments
+        except TypeError as error:
+            raise TypeError(f"stancekit.{verb.__name__}: {error}; it takes {', '.join(signature.parameters)}") from None
+        for name in single:
+            if name in given:
+                check_argument(name, given[name], hints[name])
+        return verb(*args, **kwargs)
+
+    return held
+
+
+def check_argument(name: str, value: Any, hint: Any) -> None:
+    """Raise InvalidInput, which begins with the name, for a value that an annotation does not allow."""
+    if not _fits(value, hint):
+        raise InvalidInput(f"{name}: expected {_expected(hint)}, got {_came(value)}")
+
+
+def settings_from(kind: type[Settings], given: Mapping[str, Any], *, beside: Sequence[str] = ()) -> Settings:
+    """A dataclass of settings from keyword arguments, each held against the annotation of its field.
+
+    Arguments:
+        kind: the dataclass.
+        given: keyword arguments by name.
+        beside: further arguments that the caller takes, for the message.
+    Raises:
+        InvalidInput: for a name that no field has, and a value that its field does not allow.
+    """
+    hints = _hints(cast(Any, kind))
+    known = [*beside, *(field.name for field in fields(kind))]  # type: ignore[arg-type]
+    for name, value in given.items():
+        if name not in known or name in beside:
+            wanted = f"one of {', '.join(known)}"
+            raise InvalidInput(f"{name}: expected {wanted}, got an unknown argument{neighbour(name, known)}")
+        check_argument(name, value, hints[name])
+    return kind(**given)
+
+
+@functools.cache
+def _hints(of: Callable[..., Any]) -> Mapping[str, Any]:
+    return MappingProxyType(get_type_hints(of))
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    origin, parts = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return True
+    if origin is Literal:
+        return isinstance(value, str) and value in parts
+    if origin in (Union, UnionType):
+        return any(_fits(value, part) for part in parts)
+    if origin is Sequence:
+        several = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+        return several and all(_fits(one, parts[0]) for one in value)
+    if hint in (int, float):
+        return isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+    if hint is bool:
+        return isinstance(value, bool | np.bool_)
+    if members := _members(hint):
+        return not isinstance(value, type) and all(_has(value, name, one) for name, one in members.items())
+    return isinstance(value, origin or hint)
+
+
+def _members(hint: Any) -> dict[str, Any]:
+    """The methods and properties that a protocol asks for, by name."""
+    names = vars(hint) if getattr(hint, "_is_protocol", False) else {}
+    public = {name: one for name, one in names.items() if not name.startswith("_")}
+    return {name: one for name, one in public.items() if callable(one) or isinstance(one, property)}
+
+
+def _has(value: Any, name: str, member: Any) -> bool:
+    return hasattr(value, name) if isinstance(member, property) else callable(getattr(value, name, None))
+
+
+def _expected(hint: Any) -> str:
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return f"one of {', '.join(map(str, parts))}"
+    if origin in (Union, UnionType):
+        words = list(dict.fromkeys(_expected(part) for part in parts))
+        return " or ".join([", ".join(words[:-1]), words[-1]]) if words[1:] else words[0]
+    if origin is Sequence:
+        return f"a sequence ({_expected(parts[0])} each)"
+    if members := _members(hint):
+        names = (name if isinstance(one, property) else f"{name}(...)" for name, one in members.items())
+        return f"something with {', '.join(names)}"
+    kind = origin or hint
+    return WORDS.get(kind) or _articled(kind.__name__)
+
+
+def _came(value: Any) -> str:
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, list | tuple) and value and all(isinstance(one, PLAIN) for one in value):
+        return shown(value)
+    return shown(value) if isinstance(value, PLAIN) else _articled(type(value).__name__)
+
+
+def _articled(name: str) -> str:
+    return f"{'an' if name[0] in 'AEIOaeio' else 'a'} {name}"

@@ -1,0 +1,223 @@
+"""What every environment keeps to, as those who use it count on: Gymnasium, stable-baselines3, Minari, and copies."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import warnings
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+
+import stancekit
+import stancekit.envs
+from stancekit.envs.curriculum import Curriculum
+from stancekit.envs.distributions.postures import GROUND_3
+
+IDS = sorted(name for name in gym.registry if name.startswith("stancekit/"))
+QUICK: dict[str, dict[str, Any]] = {
+    "stancekit/EnvelopeSelection-v0": {"problem": "ground-3", "weights": {"agreement": 2.0}},
+    "stancekit/EnvelopeRefinement-v0": {"problem": "ground-3", "budget": 30},
+    "stancekit/Traverse-v0": {"courses": ["stairs"], "frames": 4, "horizon": 1},
+    "stancekit/WarpedGait-v0": {"terrain": "ripple", "charts": ["decoupled"], "settings": {"max_iterations": 2}},
+}
+FILE = '''
+import numpy as np
+import stancekit
+
+
+class Mine:
+    """Counts what it has drawn."""
+
+    def __init__(self):
+        self.count = 0
+
+    def sample(self, rng):
+        self.count += 1
+        return stancekit.sample("ground-3", rng=int(rng.integers(1000)) + self.count)[0]
+'''
+
+
+class Mine:
+    """A distribution with nothing but ``sample``."""
+
+    def sample(self, rng: np.random.Generator) -> stancekit.PostureProblem:
+        return GROUND_3.sample(rng)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Equal keys, and equal numbers to the last bit."""
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(same(one[name], other[name]) for name in one)
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(same, one, other))
+    return bool(np.array_equal(np.asarray(one), np.asarray(other)))
+
+
+def steps(env: gym.Env, count: int = 3) -> list[Any]:
+    """The next steps, with actions of the space's own generator; a new episode where one ends."""
+    found = []
+    for _ in range(count):
+        found.append(env.step(env.action_space.sample()))
+        if found[-1][2] or found[-1][3]:
+            found.append(env.reset())
+    return found
+
+
+def running(name: str, **further: Any) -> gym.Env:
+    """An environment in the middle of what it does."""
+    env = gym.make(name, **{**QUICK[name], **further})
+    env.reset(seed=3)
+    env.action_space.seed(5)
+    steps(env, 1)
+    return env
+
+
+def test_all_environments_are_looked_at():
+    assert set(IDS) == set(QUICK)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_an_environment_passes_the_checker_of_gymnasium_without_a_warning(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(name, render_mode="rgb_array", **QUICK[name]).unwrapped)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_info_of_a_reset_has_the_keys_kinds_and_shapes_of_a_step(name):
+    env = gym.make(name, **QUICK[name])
+    _, before = env.reset(seed=3)
+    *_, after = env.step(env.action_space.sample())
+    assert list(before) == list(after)
+    assert "is_success" in before
+    assert before["is_success"] == 0
+    for key in before:
+        assert np.shape(before[key]) == np.shape(after[key]), key
+        assert np.asarray(before[key]).dtype == np.asarray(after[key]).dtype, key
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_running_environment_is_copied_and_the_copy_goes_on_as_it_does(name):
+    env = running(name)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    expected = steps(env)
+    for other in copies:
+        assert same(steps(other), expected)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_running_batch_is_copied_and_the_copy_goes_on_as_it_does(workers):
+    envs = gym.make_vec("stancekit/EnvelopeSelection-v0", num_envs=2, problem="ground-3", workers=workers)
+    envs.reset(seed=3)
+    actions = np.tile(np.repeat([-1.0, 1.0], 18), (2, 1)).astype(np.float32)
+    envs.step(actions)
+    copies = [copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))]
+    observation, rewards, *_ = envs.step(actions)
+    for other in copies:
+        found, its, *_ = other.step(actions)
+        assert same(found, observation)
+        assert same(its, rewards)
+        other.close()
+    envs.close()
+
+
+def test_a_running_curriculum_is_copied_and_the_copy_goes_on_as_it_does():
+    env = Curriculum(["stairs"], level=0.3, horizon=1)
+    env.reset(seed=0)
+    env.action_space.seed(1)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    expected = steps(env, 2)
+    for other in copies:
+        assert same(steps(other, 2), expected)
+        assert other.levels == env.levels
+
+
+def test_a_copy_takes_the_state_of_a_distribution_of_a_file_with_it(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(FILE)
+    env = gym.make("stancekit/EnvelopeSelection-v0", problem=f"{path}:Mine", balanced=False)
+    env.reset(seed=0)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    expected = env.reset()
+    for other in copies:
+        assert same(other.reset(), expected)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_spec_of_an_environment_makes_the_same_one_after_json(name):
+    env = gym.make(name, **QUICK[name])
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert again.action_space == env.action_space
+    assert same(again.reset(seed=2), env.reset(seed=2))
+
+
+def test_weights_and_settings_go_through_json_as_mappings():
+    from stancekit.envs.selection import RewardWeights
+
+    name = "stancekit/EnvelopeSelection-v0"
+    env = gym.make(name, problem="ground-3", weights=RewardWeights(agreement=3.0), projections=("fix-p", "scp"))
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    whole = np.repeat([-1.0, 1.0], 18).astype(np.float32)
+    for each in (env, again):
+        each.reset(seed=2)
+    assert same(again.step(whole), env.step(whole))
+
+
+def test_what_label_takes_make_takes(tmp_path):
+    assert len(stancekit.label(Mine(), tmp_path / "rows", feasible=2, infeasible=2)) == 4
+    for name in ("stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"):
+        mine, ours = gym.make(name, problem=Mine()), gym.make(name, problem=GROUND_3)
+        assert same(mine.reset(seed=0)[0], ours.reset(seed=0)[0])
+
+
+def test_a_reset_mask_keeps_the_scenes_of_the_others():
+    envs = gym.make_vec("stancekit/EnvelopeSelection-v0", num_envs=3, problem="ground-3")
+    with pytest.raises(gym.error.ResetNeeded):
+        envs.reset(options={"reset_mask": np.array([True, False, False])})
+    before, _ = envs.reset(seed=0)
+    after, info = envs.reset(options={"reset_mask": np.array([True, False, False])})
+    assert [bool((before["vertices"][k] == after["vertices"][k]).all()) for k in range(3)] == [False, True, True]
+    assert len(info["label"]) == len(info["_label"]) == 3
+    for mask in ([True, False], [1, 0, 0], np.zeros(3, dtype=bool), "all"):
+        with pytest.raises(stancekit.InvalidInput, match=r"^options: reset_mask: expected an array of truth values"):
+            envs.reset(options={"reset_mask": mask})
+
+
+def test_the_batch_has_the_info_of_its_resets_and_draws_its_scenes():
+    envs = gym.make_vec("stancekit/EnvelopeSelection-v0", num_envs=2, problem="ground-3", render_mode="rgb_array")
+    _, info = envs.reset(seed=4)
+    single = gym.make("stancekit/EnvelopeSelection-v0", problem="ground-3")
+    _, first = single.reset(seed=4)
+    assert same({name: info[name][0] for name in first}, first)
+    actions = np.tile(np.repeat([-1.0, 1.0], 18), (2, 1)).astype(np.float32)
+    *_, infos = envs.step(actions)
+    *_, last = single.step(actions[0])
+    _, first = single.reset()
+    assert same({name: infos["final_info"][name][0] for name in last}, last)
+    assert same({name: infos[name][0] for name in first}, first)
+    assert [picture.shape[-1] for picture in envs.render()] == [3, 3]
+
+
+def test_collectors_leave_their_own_option_in():
+    env = gym.make("stancekit/EnvelopeSelection-v0", problem="ground-3")
+    assert same(env.reset(seed=1, options={"minari_autoseed": False}), env.reset(seed=1))
+
+
+def test_an_action_of_no_numbers_is_refused():
+    env = gym.make("stancekit/EnvelopeSelection-v0", problem="ground-3", disable_env_checker=True)
+    env.reset(seed=0)
+    for action in (np.full(36, np.nan, np.float32), np.array(["a"] * 36), np.full(36, None)):
+        with pytest.raises(stancekit.InvalidInput, match=r"^action: expected finite numbers, got "):
+            env.step(action)
+
+
+def test_stable_baselines_trains_by_the_name_of_an_environment():
+    ppo = pytest.importorskip("stable_baselines3").PPO
+    model = ppo("MultiInputPolicy", "stancekit/EnvelopeRefinement-v0", n_steps=8, batch_size=8, n_epochs=1)
+    assert model.learn(8).num_timesteps == 8
+    assert model.env.render_mode == "rgb_array"

@@ -1,0 +1,40 @@
+"""What is said of an installation and a computer: extras by the package's own metadata, and the pace of a bus."""
+
+import sys
+from importlib.metadata import PackageNotFoundError
+
+import pytest
+
+from stancekit.runner import computer
+
+
+def test_every_extra_that_commands_need_is_there_with_its_packages() -> None:
+    names = computer.extras()
+    assert {"kin", "viz", "mujoco", "datasets"} <= set(names)
+    assert not set(computer.TOOLS) & set(names)
+    assert "pin" in computer.versions("kin")
+    assert "numpy" in computer.versions(None)
+    assert "pin" not in computer.versions(None)
+
+
+def test_a_package_that_is_not_installed_has_no_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(computer, "version", version)
+    assert computer.versions("log") == {"mcap": None}
+
+
+def test_without_a_library_that_draws_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(computer, "find_library", lambda name: None)
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert computer.gl() == ""
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    assert computer.gl() == "osmesa"
+
+
+def test_a_bus_is_timed_and_one_without_any_time_does_not_keep_up() -> None:
+    slow, fast = computer.bus_pace(5, period_s=0.001), computer.bus_pace(5, period_s=1e-9)
+    assert 0.0 < slow["usual_s"] <= slow["worst_s"]
+    assert fast["keeps_up"] is False
