@@ -129,7 +129,7 @@ def save(
 def _read(path: Path) -> Any:
     if _is_folder(path):
         return Dataset.open(path)
-    if not path.exists() and (str(path) in (*builtin_courses(), *builtin_scenes()) or family_name(str(path))):
+    if (str(path) in (*builtin_courses(), *builtin_scenes()) or family_name(str(path))) and not path.exists():
         return read_course(path)
     if path.suffix == ".safetensors":
         return load_selector(path)

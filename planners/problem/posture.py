@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -249,6 +249,13 @@ def _sole_to_json(contact: Contact) -> dict[str, Any]:
     return {} if contact.sole_m is None else {"sole_m": contact.sole_m.tolist(), "yaw_rad": contact.yaw_rad}
 
 
+ANY_PATCH = Patch(
+    vertices_m=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), normal=np.array([0.0, 0.0, 1.0]),
+    shear_reference=np.array([1.0, 0.0, 0.0]), friction=0.0,
+)  # fmt: skip
+"""The patch of a contact whose own is broken, while its other numbers are judged."""
+
+
 def _contact(item: ContactJson, index: int, robot: Robot | None) -> Contact:
     """One contact of the JSON form; robot: whose limb it is, where that is known.
 
@@ -266,7 +273,7 @@ def _contact(item: ContactJson, index: int, robot: Robot | None) -> Contact:
         lambda: robot and robot.select([item.leg]),
         bounded,
         lambda: patches.append(Patch(**surface)),
-        lambda: Contact(patch=cast(Patch, patches[:1]), **rest),  # the limb's own numbers, whatever the patch
+        lambda: Contact(patch=(patches or [ANY_PATCH])[0], **rest),  # the limb's own numbers, whatever the patch
     ):
         try:
             check()
