@@ -70,7 +70,7 @@ class Limits:
     margin_rad: distance kept from the joints' limits. velocity_share: of the joints' greatest velocity. step_rad: most
     that a target may change in one control period. path_rad, path_s: a joint that is farther than this from what it
     was sent, for this long, stops the run. silent_s: the longest time between two commands to something real; pauses
-    of a simulation harm nobody.
+    of a simulation, or of a dry run, harm nobody.
     """
 
     margin_rad: float = 0.0
@@ -123,7 +123,8 @@ class SafeWorld:
         self.dry = dry and self.real
         self.sent = self.clipped = self.refused = 0
         self.armed = not self.real
-        self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, monitor)
+        moves = self.real and not self.dry  # else nothing can move, and a pause harms nobody
+        self.watchdog = Watchdog(world.latch, limits.silent_s if moves else float("inf"), clock, monitor)
         self.latch.listen(*sources, self.watchdog.look)
         if isinstance(world, _Waiting):  # to wait for a device is not to be silent
             world.beat = self.watchdog.kick

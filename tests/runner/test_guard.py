@@ -223,6 +223,15 @@ def test_a_loop_that_is_late_is_stopped_by_its_next_command() -> None:
     assert len(world.commands) == 2
 
 
+def test_a_loop_that_is_late_in_a_dry_run_is_not_stopped_for_nothing_can_move() -> None:
+    now = [0.0]
+    world = MemoryWorld()
+    with guarded(world, dry=True, limits=Limits(silent_s=0.2), clock=lambda: now[0]) as safe:
+        for now[0] in (0.0, 60.0, 120.0):
+            safe.step(START)
+    assert (safe.sent, world.commands, safe.latch.tripped) == (3, [], False)
+
+
 def test_a_stop_source_is_asked_before_every_command() -> None:
     world, pressed = MemoryWorld(), [""]
     safe = guarded(world, sources=[lambda: pressed[0] or None])
