@@ -8,11 +8,13 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from stancekit.cli import console
 from stancekit.cli.main import main
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
@@ -43,6 +45,12 @@ Command = Callable[..., Ran]
 @pytest.fixture(autouse=True)
 def _once(each_plan_is_timed_once: None, each_gait_is_written_once: None) -> None:
     """Also here."""
+
+
+@pytest.fixture(autouse=True)
+def _no_time_passes_between_lines_of_long_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a computer that does much else, quick work would say where it is, too."""
+    monkeypatch.setattr(console, "time", SimpleNamespace(monotonic=lambda: 0.0))
 
 
 @pytest.fixture

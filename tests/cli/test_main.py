@@ -1,5 +1,6 @@
 """`stancekit` itself: help that teaches, one line for a slip of the fingers, and a quick start."""
 
+import itertools
 import json
 import os
 import re
@@ -9,6 +10,7 @@ import threading
 import time
 from dataclasses import fields, is_dataclass
 from importlib import import_module
+from types import SimpleNamespace
 
 import pytest
 
@@ -34,20 +36,19 @@ def test_help_shows_a_session_and_every_verb(arguments, stancekit):
     assert {"sample", "solve", "verify", "label", "fit", "evaluate", "picture", "demo"} <= set(listed)
 
 
-def test_long_work_says_where_it_is_without_a_terminal(capsys, monkeypatch):
-    with console.progress("quick") as show:
-        show(1, 2)
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr(console, "EVERY_S", 0.0)
+def test_long_work_says_every_ten_seconds_where_it_is_without_a_terminal(capsys, monkeypatch):
+    now_s = [0.0]
+    monkeypatch.setattr(console, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
     with console.progress("walls [1]") as show:
-        show(1, 2)
-        show(2, 2)
-    first, last = capsys.readouterr().err.splitlines()
-    assert re.fullmatch(r"walls \[1\]: 1 of 2, \d+ s", first)
-    assert last.startswith("walls [1]: 2 of 2, ")
+        for k in range(26):
+            now_s[0] = float(k)
+            show(k, 26)
+    assert capsys.readouterr().err == "walls [1]: 10 of 26, 10 s\nwalls [1]: 20 of 26, 20 s\n"
 
 
 def test_long_work_that_says_nothing_itself_is_heard_of(capsys, monkeypatch):
+    seconds = itertools.count()
+    monkeypatch.setattr(console, "time", SimpleNamespace(monotonic=lambda: next(seconds)))
     monkeypatch.setattr(console, "EVERY_S", 0.01)
     said = ""
     with console.progress("walls") as show:

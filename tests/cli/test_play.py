@@ -34,7 +34,7 @@ def test_it_serves_on_this_machine_and_ends_with_ctrl_c():
     with urlopen(address) as answer:
         assert b"<html" in answer.read().lower()
     served.send_signal(signal.SIGINT)
-    said = served.communicate(timeout=60)
+    said = served.communicate()  # a test that hangs has failed
     assert served.returncode == 130
     assert said == ("", "stancekit: interrupted\n")
 
