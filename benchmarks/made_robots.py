@@ -29,7 +29,7 @@ from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.search.methods import PlannerOptions, make_course_planner
-from stancekit.planners.search.whole_body_outcome import judged_whole_body
+from stancekit.planners.search.plan_course import plan_course
 from tests.planners.robot.made_robots import Made, lowest_m, made_robots
 
 TOUCH_M = 1e-3
@@ -75,12 +75,12 @@ def judged(made: Made, folder: Path, frames: int = 1) -> dict[str, Any]:
             f"goal_m: [{ahead}, 0, {model.stand_height_m}]\nterrain: {{kind: flat, friction: 0.7}}\n"
         )
         course = read_course(folder / "course.yaml")
-        outcome, report = judged_whole_body(make_course_planner("two-stage", PlannerOptions()).solve(course))
+        outcome = plan_course(course, make_course_planner("two-stage", PlannerOptions()))
         status, message = outcome.status.value, outcome.message
-        if outcome.plan is not None and report is not None:
-            write_plan(folder / "plan.json", outcome.plan, report)
+        if outcome.plan is not None and outcome.report is not None:
+            write_plan(folder / "plan.json", outcome.plan, outcome.report)
             again = check_file(folder / "plan.json", robot=model)
-            status, message = "accepted" if again.accepted and report.accepted else "rejected", again.message
+            status, message = "accepted" if again.accepted and outcome.report.accepted else "rejected", again.message
             off_m, deepest_m = stands(outcome.plan, made, folder)
     except InvalidInput as error:
         status, message = "refused", str(error)

@@ -19,7 +19,7 @@ from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.planners.search.methods import PlannerOptions, make_course_planner
-from stancekit.planners.search.whole_body_outcome import judged_whole_body
+from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.obstacles import Obstacles
 from tests.planners.robot.made_robots import FILES, PLACES, Made, R, lowest_m, made_robots, obj, quadruped
@@ -49,8 +49,8 @@ def planned(path: Path, model: RobotModel) -> tuple[Any, Any]:
         f"goal_m: [0, 0, {model.stand_height_m}]\nterrain: {{kind: flat, friction: 0.7}}\n"
     )
     course = read_course(path.parent / "course.yaml")
-    outcome, report = judged_whole_body(make_course_planner("two-stage", PlannerOptions()).solve(course))
-    return outcome.plan, report
+    outcome = plan_course(course, make_course_planner("two-stage", PlannerOptions()))
+    return outcome.plan, outcome.report
 
 
 def test_there_are_sixty_of_which_most_are_sound() -> None:
