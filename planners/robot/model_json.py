@@ -33,7 +33,7 @@ class _Keys(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
 
-class ContactJson(_Keys):
+class FootContactJson(_Keys):
     """A ``Contact``."""
 
     point_m: Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -47,7 +47,7 @@ class LegJson(_Keys):
     name: Word
     foot: Word
     stance_rad: Annotated[dict[Word, Number], Field(min_length=1, max_length=MOST_JOINTS)]
-    contact: ContactJson | None = None
+    contact: FootContactJson | None = None
 
 
 class ModelJson(_Keys):

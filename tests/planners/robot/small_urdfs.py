@@ -41,7 +41,7 @@ def leg(name: str, effort: float = 40.0, mass: float = 1.0, bone: str = "") -> s
     return "".join(
         [
             *(link(f"{name}_{part}", mass, bone) for part in ("HIP", "THIGH", "SHANK")),
-            link(f"{name}_FOOT", 0.1 * mass, '<sphere radius="0.02"/>'),
+            link(f"{name}_FOOT", 0.1 * mass, '<sphere radius="0.02"/>').replace('".01"', f'"{1e-4 * mass}"'),
             joint(f"{name}_HAA", "base", f"{name}_HIP", f"{x} {y} 0", "1 0 0", limit("HAA", effort)),
             joint(f"{name}_HFE", f"{name}_HIP", f"{name}_THIGH", f"0 {side} 0", "0 1 0", limit("HFE", effort)),
             joint(f"{name}_KFE", f"{name}_THIGH", f"{name}_SHANK", "0 0 -.3", "0 1 0", limit("KFE", effort)),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import InvalidInput
@@ -179,7 +180,7 @@ def test_numbers_that_are_hard_to_believe_are_marked() -> None:
 def test_meshes_are_found_by_package_and_missing_ones_are_marked(tmp_path: Path) -> None:
     folder = tmp_path / "share" / "my_robot" / "urdf"
     folder.mkdir(parents=True)
-    (tmp_path / "share" / "my_robot" / "trunk.stl").write_bytes(b"solid")
+    trimesh.creation.box((6.0, 2.5, 1.0)).export(tmp_path / "share" / "my_robot" / "trunk.stl")
     text = quadruped().replace('<sphere radius="0.02"/>', '<mesh filename="package://gone/foot.dae"/>')
     text = text.replace(
         '<box size="0.6 0.25 0.1"/>', '<mesh filename="package://my_robot/trunk.stl" scale=".1 .1 .1"/>'
@@ -201,7 +202,7 @@ def test_meshes_are_found_by_package_and_missing_ones_are_marked(tmp_path: Path)
 def test_meshes_are_found_in_a_folder_that_was_copied_out_of_its_package(tmp_path: Path) -> None:
     folder = tmp_path / "my_robot" / "urdf"
     folder.mkdir(parents=True)
-    (tmp_path / "my_robot" / "trunk.stl").write_bytes(b"solid")
+    trimesh.creation.box((6.0, 2.5, 1.0)).export(tmp_path / "my_robot" / "trunk.stl")
     mesh = '<mesh filename="package://all-robots/robots/my_robot/trunk.stl" scale=".1 .1 .1"/>'
     (folder / "robot.urdf").write_text(quadruped().replace('<box size="0.6 0.25 0.1"/>', mesh))
     model = named_robot(folder / "robot.urdf")
