@@ -2,7 +2,7 @@
 
 It is as unkind as a real one: what is published on a topic that was advertised just before comes late; a goal is
 accepted late, and a cancel that overtakes that is never acted on; a controller that does not run says nothing;
-subscriptions of another type than the topic's are silent; a stamp in the past makes a trajectory void. Where the
+subscriptions of another type than the topic's are silent, as are types that it does not know; a stamp in the past makes a trajectory void. Where the
 computer is too slow the robot's time stands still meanwhile, so that no joint seems to jump.
 
 It speaks the public rosbridge v2 protocol: every operation and message that comes is held against the fields and types
@@ -182,20 +182,22 @@ class RosBridge:
         )
 
     def _advertise(self, client: Client, message: dict[str, Any]) -> None:
-        slashes = message["type"].count("/")
-        if slashes != (2 if self.ros == 2 else 1):
-            self._refuse(
-                client, message.get("id"), f"{message['topic']}: unknown type {message['type']}"
-            )
+        """A type that this ROS does not know is logged there, and nobody is told."""
+        if not self._knows(message["type"]):
+            with self._lock:
+                self.errors.append(f"{message['topic']}: unknown type {message['type']}")
         client.advertised.setdefault(message["topic"], time.monotonic())
+
+    def _knows(self, kind: str) -> bool:
+        """Whether this ROS knows the name of a type; 2 takes those of 1, too."""
+        return kind.count("/") == 1 or (self.ros == 2 and kind.count("/") == 2)
 
     def _unadvertise(self, client: Client, message: dict[str, Any]) -> None: ...
 
     def _subscribe(self, client: Client, message: dict[str, Any]) -> None:
         """A type that this ROS does not know, or that is not the topic's, is logged there, and nobody is told."""
         topic, kind = message["topic"], message.get("type", "")
-        known = kind.count("/") == 1 or (self.ros == 2 and kind.count("/") == 2)
-        if (kind and not known) or (topic == "/e_stop" and self._estop == "other type"):
+        if (kind and not self._knows(kind)) or (topic == "/e_stop" and self._estop == "other type"):
             return
         with self._lock:
             client.topics.add(topic)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import sys
+import time
 from collections.abc import Iterator
 from typing import Any, Literal
 
@@ -34,10 +36,40 @@ def commands(bridge: RosBridge) -> list[str]:
     return [what for what, _ in bridge.log if not what.startswith("fault")]
 
 
+class RobotTime:
+    """A clock for the host: the emulated robot's, which stands still while the machine does not run the robot."""
+
+    def __init__(self, bridge: RosBridge) -> None:
+        self._robot = bridge.robot
+
+    def monotonic(self) -> float:
+        """The robot's time [s]."""
+        return self._robot.now_s
+
+    def sleep(self, seconds: float) -> None:
+        """Let so much of it pass."""
+        until_s = self.monotonic() + seconds
+        while self.monotonic() < until_s:
+            time.sleep(0.001)
+
+
+@contextlib.contextmanager
+def on_robot_time(bridge: RosBridge) -> Iterator[None]:
+    """Let a host behind ROS live by the robot's clock meanwhile: a busy machine makes both slow, and neither late."""
+    worlds = "stancekit.runner.worlds."
+    names = [name for name in sys.modules if name.startswith((f"{worlds}ros.", f"{worlds}hardware"))]
+    timed = [sys.modules[name] for name in names if getattr(sys.modules[name], "time", None) is time]
+    assert len(timed) > 5
+    with pytest.MonkeyPatch.context() as patched:
+        for module in timed:
+            patched.setattr(module, "time", RobotTime(bridge))
+        yield
+
+
 @contextlib.contextmanager
 def armed(ros: Literal[1, 2] = 2, **settings: Any) -> Iterator[tuple[RosBridge, RosWorld]]:
     """An emulated robot, and the world that drives it, armed; at the end no message was against the protocol."""
-    with RosBridge(JOINTS, START, ros=ros) as bridge:
+    with RosBridge(JOINTS, START, ros=ros) as bridge, on_robot_time(bridge):
         with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **(QUICK | settings))) as world:
             reset(world)
             world.torque(True)

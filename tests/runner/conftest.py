@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -64,3 +65,13 @@ def accepted(step: Callable[[str], Plan]) -> Accepted:
 @pytest.fixture(autouse=True)
 def _timed_once(each_plan_is_timed_once: None) -> None:
     """Also here."""
+
+
+@pytest.fixture(autouse=True)
+def _hangs_up() -> Iterator[None]:
+    """A hang-up is not ignored, as it is under ``nohup``."""
+    before = signal.getsignal(signal.SIGHUP)
+    if before is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)

@@ -94,21 +94,42 @@ def test_a_trajectory_on_its_way_is_cancelled_by_a_stop() -> None:
         assert bridge.state()["goals"] == 0
 
 
-def test_a_stop_that_comes_while_a_target_waits_for_the_writing_thread_keeps_it_back() -> None:
+def standstill(world: RosWorld, monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Let the thread that writes stand still from the next hand-over on, until this is set."""
+    link, goes_on = world._robot.link, threading.Event()
+    through = link.through
+
+    def busy(*arguments: Any) -> Any:
+        link.ros.factory.manager.loop.call_soon_threadsafe(goes_on.wait)
+        return through(*arguments)
+
+    monkeypatch.setattr(link, "through", busy)
+    return goes_on
+
+
+def test_a_stop_that_comes_while_a_target_waits_for_the_writing_thread_keeps_it_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with armed() as (bridge, world):
-        loop = world._robot.link.ros.factory.manager.loop
-        loop.call_soon_threadsafe(time.sleep, 0.2)  # the thread that writes is busy
-        threading.Timer(0.1, world.latch.trip, ("button",)).start()
+        goes_on = standstill(world, monkeypatch)
+
+        def stop() -> None:
+            world.latch.trip("button")
+            goes_on.set()
+
+        threading.Timer(0.1, stop).start()
         with pytest.raises(Stopped, match="button"):
             world.step(START + 0.01)
+        assert world._robot.link.answers(10.0)  # whatever was written before has come
         assert commands(bridge) == ["stream"]
 
 
-def test_a_target_that_cannot_be_written_in_time_is_never_written() -> None:
+def test_a_target_that_cannot_be_written_in_time_is_never_written(monkeypatch: pytest.MonkeyPatch) -> None:
     with armed() as (bridge, world):
-        loop = world._robot.link.ros.factory.manager.loop
-        loop.call_soon_threadsafe(time.sleep, 0.9)
-        with pytest.raises(HardwareFault, match=r"nothing could be sent for 1.5 s"):
+        goes_on = standstill(world, monkeypatch)
+        world._robot.link.timeout_s = 0.3
+        with pytest.raises(HardwareFault, match=r"nothing could be sent for 0.3 s"):
             world.step(START + 0.01)
-        time.sleep(0.6)
+        goes_on.set()
+        assert world._robot.link.answers(10.0)  # whatever was written before has come
         assert commands(bridge) == ["stream"]
