@@ -26,7 +26,7 @@ class InvalidInput(StancekitError, ValueError):
         >>> import stancekit
         >>> stancekit.sample("wall-3", 0)
         Traceback (most recent call last):
-        stancekit.planners.errors.InvalidInput: count: expected 1 or more, got 0
+        stancekit.planners.errors.InvalidInput: count: expected 1 to 1000000, got 0
     """
 
 

@@ -13,10 +13,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 
 from stancekit.envs.data import ledger
 from stancekit.envs.data.labelled_posture import LabelledPosture, table_of
@@ -33,6 +32,9 @@ from stancekit.planners.search.batch import Decided, decide_all
 from stancekit.planners.search.canonical import solved
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.proposals import Proposer
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 BLOCK = 512
 """Samples that are decided together, at most."""
@@ -198,7 +200,8 @@ class ShardDraft:
         self._asked, self._places = 0, list[Place]()
         self._waiting = dict[int, Block]()
         self._drawn, self._kept = list[str](), Counter[str]()
-        self._rows, self._solve_ms, self._cpu_s = list[pa.Table](), list[float](), 0.0
+        self._rows: list[pa.Table] = []
+        self._solve_ms, self._cpu_s = list[float](), 0.0
 
     @property
     def missing(self) -> str:
@@ -255,7 +258,7 @@ class ShardDraft:
                     self._kept[kind] += 1
                     self._room[kind] -= 1
             self._drawn.append(kind)
-        self._rows.append(block.rows.take(pa.array(chosen, pa.int64())))
+        self._rows.append(block.rows.take(np.array(chosen, dtype=np.int64)))
         self._solve_ms += block.solve_ms[: len(self._drawn) - begin]
         self._cpu_s += block.cpu_s
         if self.missing and len(self._drawn) >= self._most:
@@ -282,6 +285,8 @@ class ShardDraft:
             dataset=self._header.digest, shard=self.shard, rows=Counts(**self._kept),
             drawn=Counts(**Counter(self._drawn)), undecided_samples=undecided, software=ledger.software(),
         )  # fmt: skip
+        import pyarrow as pa  # large, and no question of one problem needs it
+
         rows = pa.concat_tables(self._rows).combine_chunks()
         numbers = pa.array(np.arange(len(rows)), pa.int32())
         rows = rows.set_column(rows.schema.get_field_index("row"), rows.schema.field("row"), numbers)

@@ -32,7 +32,7 @@ SEARCH = 0.75
 ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
 UNPROVED = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
-NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were search_end"
+NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
 
 
 def plan_course(
