@@ -2,8 +2,9 @@
 
 It is as unkind as a real one: what is published on a topic that was advertised just before comes late; a goal is
 accepted late, and a cancel that overtakes that is never acted on; a controller that does not run says nothing;
-subscriptions of another type than the topic's are silent, as are types that it does not know; a stamp in the past makes a trajectory void. Where the
-computer is too slow the robot's time stands still meanwhile, so that no joint seems to jump.
+subscriptions of another type than the topic's are silent, as are types that it does not know; a stamp in the past
+makes a trajectory void. Where the computer is too slow the robot's time stands still meanwhile, so that no joint seems
+to jump.
 
 It speaks the public rosbridge v2 protocol: every operation and message that comes is held against the fields and types
 of ``rosbridge_protocol``, and what does not conform is answered with a status message

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -41,6 +42,22 @@ def plan_path(tmp_path: Path, step: Callable[[str], Plan]) -> Path:
     path = tmp_path / "plan.json"
     write_plan(path, step("walls"), check_plan(step("walls")))
     return path
+
+
+@pytest.fixture(scope="session")
+def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Plan file of the course of docs/running-on-a-robot.md, shortened: three key frames, and less of a way."""
+    page = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    folder = tmp_path_factory.mktemp("desk")
+    for whole, part in (("frames: 6", "frames: 3"), ("goal_m: [0.10,", "goal_m: [0.04,")):
+        assert whole in text
+        text = text.replace(whole, part)
+    (folder / "desk.yaml").write_text(text)
+    plan = TwoStageCoursePlanner().solve(read_course(folder / "desk.yaml")).plan
+    assert plan is not None
+    write_plan(folder / "desk.json", plan, check_plan(plan))
+    return folder / "desk.json"
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,10 +15,6 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("mcap")
 
-from stancekit.planners.answer.plan_file import write_plan
-from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.verify import check_plan
 from stancekit.runner.emulators.servo_bus import FAULTS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
@@ -57,14 +54,10 @@ def ended(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_commands_of_the_emulated_bus_end_well_as_printed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, short_desk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (course,) = shown("yaml", PAGE)
-    Path("desk.yaml").write_text(course)
-    plan = TwoStageCoursePlanner().solve(read_course("desk.yaml")).plan
-    assert plan is not None
-    write_plan("desk.json", plan, check_plan(plan))
+    shutil.copy(short_desk, "desk.json")
     (snippet,) = shown("python", SECTION)
     exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
     (commands,) = shown("sh", SECTION)

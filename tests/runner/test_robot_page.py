@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from dataclasses import fields
@@ -50,17 +51,15 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
 
 
 def test_the_commands_behind_a_rosbridge_run_as_the_page_prints_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, short_desk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    shutil.copy(short_desk, "desk.json")
     part = PAGE[PAGE.index("## A robot behind a rosbridge") : PAGE.index("| key | meaning |")]
-    (course,) = (text for language, text in BLOCKS if language == "yaml")
-    Path("desk.yaml").write_text(course)
     found = re.findall(r"```(python|sh)\n(.*?)```", part, re.DOTALL)
     lines = [line for language, text in found if language == "sh" for line in text.splitlines()]
     assert [line.split()[1] for line in lines] == ["emulate", "run", "run", "replay"]
     command = [sys.executable, "-m", "stancekit.cli.main"]
-    subprocess.run([*command, "plan", "desk.yaml", "--out", "desk.json"], check=True, capture_output=True)
     (snippet,) = (text for language, text in found if language == "python")
     exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
     words = [*command, *shlex.split(lines[0], comments=True)[1:], "--port", "0"]  # 9090 may be somebody else's
