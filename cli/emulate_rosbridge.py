@@ -44,7 +44,7 @@ class EmulateRosbridge:
         checked(self.at_s, "--at-s", least=0.0)
         names, angles = start_of(self.plan)
         try:
-            made = RosBridge(names, angles, ros=self.ros, port=self.port)
+            made = RosBridge(names, angles.tolist(), ros=self.ros, port=self.port)
         except OSError as error:
             raise InvalidInput(
                 f"--port: expected a port that is free, got {self.port}: {error.strerror}"

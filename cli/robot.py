@@ -86,17 +86,17 @@ class Robot:
         for name, value in (("--picture", self.picture), ("--srdf", self.srdf)):
             if value is not None:
                 raise InvalidInput(f"{name}: expected a robot with it, got none")
-        rows = [(name, "stancekit", True) for name in BUILT_IN]
+        rows: list[tuple[str, str, bool]] = [(name, "stancekit", True) for name in BUILT_IN]
         for name, path in catalogue().items():
             provider = read_keys(path).provider
             rows.append((name, provider, provider_folder(provider) is not None))
         if self.json:
-            for name, provider, there in rows:
-                emit({"name": name, "provider": provider, "installed": there})
+            for name, source, there in rows:
+                emit({"name": name, "provider": source, "installed": there})
             return 0
         table = _columns("robot", "URDF from", "")
-        for name, provider, there in rows:
-            table.add_row(name, provider, "" if there else f"pip install 'stancekit[{PROVIDERS[provider][1]}]'")
+        for name, source, there in rows:
+            table.add_row(name, source, "" if there else f"pip install 'stancekit[{PROVIDERS[source][1]}]'")
         out.print(table)
         return 0
 

@@ -199,7 +199,9 @@ class _Batch:
     def begin(self, method: str, argument: Any) -> None:
         """Do it now."""
         try:
-            answers = {"reset": self.reset, "step": self.step, "render": self.render, "state": self.state}
+            answers: dict[str, Callable[[Any], Any]] = {
+                "reset": self.reset, "step": self.step, "render": self.render, "state": self.state,
+            }  # fmt: skip
             self._answer = answers[method](argument)
         except Exception as error:  # raised by whoever asks for the answer
             self._answer = error
@@ -235,7 +237,7 @@ class _Batch:
         return pickle.dumps(self)
 
     def _draw(self, mask: NDArray[np.bool_] | None = None) -> _Begun:
-        at = self._at or [None] * len(self._sources)
+        at: Sequence[Scene | None] = self._at or [None] * len(self._sources)
         drawn = zip(self._sources, self._rngs, at, mask if mask is not None else [True] * len(at), strict=True)
         self._at = [
             source.draw(rng) if draws or scene is None else scene

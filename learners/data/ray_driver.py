@@ -12,6 +12,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable
+from importlib import import_module
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -51,7 +52,7 @@ def main(pipe: Connection, address: str) -> None:
 def joined(address: str, pipe: Connection) -> Any:
     """Ray, connected. The other side hears when the cluster is asked, and when it has let us in. Raises Refused."""
     import ray
-    from ray._raylet import GcsClient
+    raylet: Any = import_module("ray._raylet")  # its stubs lack the client
 
     options: dict[str, Any] = {"address": address, "logging_level": logging.CRITICAL, "log_to_driver": False}
     if address == "local":
@@ -62,7 +63,7 @@ def joined(address: str, pipe: Connection) -> Any:
         raise Refused(f"nothing answers at {head}")
     try:
         if head is not None:
-            GcsClient(address=head)  # says at once what ray.init says after a while: that the token is another
+            raylet.GcsClient(address=head)  # says at once what ray.init says after a while: that the token is another
         pipe.send(("joins",))
         ray.init(**options)
     except Exception as error:  # of a node that does not start Ray raises a plain Exception
@@ -141,10 +142,12 @@ def call(expected: dict[str, str]) -> Callable[[bytes], bytes | str]:
         import cloudpickle
 
         try:
-            return cloudpickle.dumps(("answer", pickle.loads(task)()))
+            answer: bytes = cloudpickle.dumps(("answer", pickle.loads(task)()))
+            return answer
         except Exception as error:
             error.add_note(traceback.format_exc())
-            return cloudpickle.dumps(("raised", error))
+            raised: bytes = cloudpickle.dumps(("raised", error))
+            return raised
 
     return run
 

@@ -238,8 +238,8 @@ class ShardDraft:
         self._came.update(block.kinds)
         self._places.append(block.after)
         self._waiting[block.first] = block
-        while self.missing and (block := self._waiting.pop(len(self._drawn), None)) is not None:
-            self._keep(block)
+        while self.missing and len(self._drawn) in self._waiting:
+            self._keep(self._waiting.pop(len(self._drawn)))
         return None if self.missing else self._whole()
 
     def _keep(self, block: Block) -> None:

@@ -20,7 +20,7 @@ def yardstick(solves: int = SOLVES) -> float:
     rng = np.random.default_rng(0)
     n, cones = 45, 24
     a = sp.csc_matrix(np.vstack([rng.normal(size=(6, n)), rng.normal(size=(3 * cones, n))]))
-    b = a @ rng.normal(size=n)
+    b = np.asarray(a @ rng.normal(size=n))
     b[6::3] += 4.0
     kinds = [clarabel.ZeroConeT(6), *[clarabel.SecondOrderConeT(3)] * cones]
     settings = clarabel.DefaultSettings()

@@ -73,7 +73,9 @@ class GaitTask:
             lambda: self._set("start_xy_m", read_only(self.start_xy_m, (2,), "start_xy_m")),
             lambda: self._set("goal_xy_m", read_only(self.goal_xy_m, (2,), "goal_xy_m")),
             lambda: self._set("start_yaw_rad", checked(self.start_yaw_rad, "start_yaw_rad")),
-            lambda: self.end_yaw_rad is None or self._set("end_yaw_rad", checked(self.end_yaw_rad, "end_yaw_rad")),
+            lambda: self._set(
+                "end_yaw_rad", None if self.end_yaw_rad is None else checked(self.end_yaw_rad, "end_yaw_rad")
+            ),
             lambda: self._set("duration_s", checked(self.duration_s, "duration_s", above=0.0, most=120.0)),
             lambda: self._set("friction", checked(self.friction, "friction", above=0.0, most=10.0)),
             lambda: self._set("suction_n", checked(sucks, "suction_n", least=0.0)),
