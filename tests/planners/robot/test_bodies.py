@@ -124,12 +124,16 @@ def test_a_foot_touches_with_its_ball_and_may_be_no_deeper_where_it_stands() -> 
 
 def test_of_a_link_with_a_foot_the_other_shapes_are_judged() -> None:
     foot = [shape(f"{leg}_FOOT", "sphere", [0.02]) for leg in ("LF", "RF", "LH", "RH")]
-    heel = shape("LF_FOOT", "sphere", [0.01], at=[0.02, 0.0, -0.018])
+    model = model_of(quadruped())
+    turn, _ = model.link_frames([leg.stance_rad for leg in model.legs])["LF_FOOT"]  # which the bent leg leans
+    heel = shape("LF_FOOT", "sphere", [0.01], at=turn.T @ [0.02, 0.0, -0.018])
     made = bodies([*foot, heel], level())
     nominal = np.array([leg.nominal_m for leg in made.model.legs])
     toes = np.array([*nominal.T[:2], np.zeros(4)]).T
     found = made.overlaps(standing(made, 0.02 - nominal[:, 2].min(), toes=toes))
     assert [each.link for each in found] == ["LF_FOOT"]
+    lowest = made.model.leg("LF").nominal_m[2] - nominal[:, 2].min() + 0.02 - 0.018 - 0.01
+    assert found[0].depth_m == pytest.approx(-lowest, abs=1e-6)
     assert found[0].depth_m > 1e-3
 
 
