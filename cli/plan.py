@@ -130,7 +130,11 @@ class PlanCourse:
         self._check()
         planner = self._planner()
         first = self._laid_out("inner")
-        question: Course | LayOut = first if self.course.endswith(".json") else self._laid_out
+
+        def laid_out(sets: Sets) -> Course:
+            return first if sets == "inner" else self._laid_out(sets)
+
+        question: Course | LayOut = first if self.course.endswith(".json") else laid_out
         with progress(f"plan {first.name} by {self.planner}"):
             outcome = plan_course(
                 question, planner, shares=None if self.reserve else ALL_FRICTION, limits=self._limits(),
