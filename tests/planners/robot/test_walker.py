@@ -17,7 +17,7 @@ from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.robot.walker import named_walker, walker_of
 
-from .small_urdfs import fixed, joint, leg, link, quadruped, robot
+from .small_urdfs import HIPS, fixed, joint, leg, link, quadruped, robot
 
 pin = pytest.importorskip("pinocchio")
 
@@ -147,7 +147,7 @@ def test_joints_that_the_posture_mirrors_have_mirrored_ranges(tmp_path: Path) ->
 def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
     (tmp_path / "six.urdf").write_text(hexapod_urdf(hexapod()))
     (tmp_path / "six.yaml").write_text(
-        "urdf: six.urdf\nfeet: [LF_foot, RM_foot, LR_foot]\ntrunk_half_m: [0.1, 0.1, 0.04]\n"
+        "urdf: six.urdf\nfeet: [LF_foot, RF_foot, LR_foot, RR_foot]\ntrunk_half_m: [0.1, 0.1, 0.04]\n"
     )
     found = named_walker(tmp_path / "six.yaml")
     assert found.model is not None
@@ -183,10 +183,14 @@ def test_a_file_that_names_a_urdf_says_what_is_wrong_with_it(
     ("text", "options", "message"),
     [
         (quadruped(mass=0.0), {}, r"^urdf: expected links with mass and inertia, got 0 kg in all$"),
-        (robot([leg("LF"), leg("RF")]), {}, r"^robot quadruped: expected three or more feet of different names, got "),
+        (robot([leg("LF"), leg("RF")]), {}, r"^robot quadruped: expected four or six legs for a walk, got 2: "),
         (
-            robot([link("A"), joint("a", "base", "A"), link("B"), joint("b", "A", "B", "0 0 -.3"), link("F"),
-                   fixed("f", "B", "F", "0 0 -.3")]),
+            robot([
+                link(f"A{n}") + joint(f"a{n}", "base", f"A{n}", f"{x} {y} 0")
+                + link(f"B{n}") + joint(f"b{n}", f"A{n}", f"B{n}", "0 0 -.3")
+                + link(f"F{n}") + fixed(f"f{n}", f"B{n}", f"F{n}", "0 0 -.3")
+                for n, (x, y) in enumerate(HIPS.values())
+            ]),
             {},
             r"^leg .*: expected three joints or more for a workspace with an inside, got 2$",
         ),
