@@ -69,6 +69,13 @@ def test_a_file_without_end_is_refused():
     assert refusal(read_bytes, "/dev/zero", 1000) == "/dev/zero: expected a file, found a pipe, a socket or a device"
 
 
+def test_a_file_of_more_bytes_than_are_read_is_refused(tmp_path):
+    path = tmp_path / "long.bin"
+    path.write_bytes(bytes(1001))
+    assert refusal(read_bytes, path, 1000) == f"{path}: expected a file of 1000 bytes or fewer, got more"
+    assert read_bytes(path, 1001) == bytes(1001)
+
+
 @pytest.mark.parametrize("value", [[1, 2], {"a": [1.5, None]}, "text", ("a", {1}), [], {}, -3, None])
 def test_a_small_value_is_shown_as_python_writes_it(value):
     assert shown(value) == repr(value)
