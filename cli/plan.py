@@ -203,12 +203,14 @@ class PlanCourse:
     def _planner(self) -> CoursePlanner:
         from stancekit.planners.answer.answer_file import read_boxes
         from stancekit.planners.equilibrium.programs import Programs
-        from stancekit.planners.search.methods import PlannerOptions, make_course_planner
+        from stancekit.planners.search.methods import COURSE_METHODS, EVERY_OPTION, PlannerOptions, make_course_planner
 
+        taken = COURSE_METHODS.get(self.planner, EVERY_OPTION)
         envelopes = None if self.envelope is None else read_boxes(self.envelope)
         with as_options(*SETTINGS):
             options = PlannerOptions(
-                relaxation=self.relaxation, envelopes=envelopes, projection=self.projection, solver=self.solver,
+                relaxation=self.relaxation, envelopes=envelopes, solver=self.solver,
+                projection=self.projection if "projection" in taken else None,
                 intervals=self.intervals, time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine),
             )  # fmt: skip
             return make_course_planner(self.planner, options)

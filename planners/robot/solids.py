@@ -7,7 +7,6 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from ..files.arrays import Array
 from .shapes import Shape
@@ -71,6 +70,8 @@ def shape_points(shape: Shape) -> Array | None:
 
 def surface_points(points: Array, apart_m: float) -> Array:
     """Points all over the hull of others, shape (K, 3), not much farther apart than this, shape (P, 3) [m]."""
+    from scipy.spatial import ConvexHull  # slow to import
+
     hull = ConvexHull(points)
     found = [points[hull.vertices]]
     corners = points[hull.simplices]

@@ -227,7 +227,7 @@ def test_what_friction_would_do_is_said_where_another_limit_is_the_cheapest_and_
     assert code == 1
     assert "reach of all limbs would have to rise from 0.35 m to at least " in err
     assert ", or friction at frame " in err
-    assert " from 0.15 by " in err
+    assert " to rise from 0.15 to at least 1.17" in err
 
 
 def test_friction_of_a_built_in_course_is_refused_with_where_it_is(refusal):

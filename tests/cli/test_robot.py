@@ -8,7 +8,7 @@ import pytest
 from stancekit.cli.main import run
 from stancekit.cli.robot import Robot
 from stancekit.planners.robot.robot_file import named_robot
-from tests.planners.robot.small_urdfs import fixed, link, quadruped, robot
+from tests.planners.robot.small_urdfs import MASS, fixed, link, quadruped, robot
 
 pytest.importorskip("pinocchio")
 
@@ -17,7 +17,9 @@ pytest.importorskip("pinocchio")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A robot's files."""
     folder = tmp_path_factory.mktemp("robots")
-    (folder / "dog.urdf").write_text(quadruped(("RF", "LH"), effort=0.0))
+    foot = MASS.format(0.1)
+    small = foot.replace('".01"', '".00001"')  # a moment of inertia that a small foot can have
+    (folder / "dog.urdf").write_text(quadruped(("RF", "LH"), effort=0.0).replace(foot, small))
     (folder / "dog.yaml").write_text("urdf: dog.urdf\nname: dog\njoints: {'*': {torque_nm: 30}}\n")
     (folder / "dog.srdf").write_text(
         '<robot name="dog"><disable_collisions link1="base" link2="RF_THIGH" reason="Never"/></robot>'
