@@ -1,6 +1,6 @@
-"""Draws the pictures of docs/images with the commands that README and its pages give for them.
+"""Draws the pictures of docs/images with the commands that its pages give for them; its films are docs/gallery.py's.
 
-They are in the repository, since README shows them where nothing is built. A build draws those anew that are older
+They are in the repository, since they are shown where nothing is built, too. A build draws those anew that are older
 than the code. By hand: python docs/extensions/pictures.py [NAME ...]
 """
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 HERE = Path(__file__).resolve().parents[1]
 IMAGES, ROOT = HERE / "images", HERE.parent
 PICTURES = {
-    "climb.png": ("stancekit", "plan", "icy-walls", "--picture"),
     "gait.png": ("stancekit", "gait", "cone", "--start=-2,0", "--goal", "2,0", "--picture"),
     "playground.png": (
         "python", "benchmarks/playground.py", "--courses", "icy-walls", "--size-px", "1500", "900", "--picture",
