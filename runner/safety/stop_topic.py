@@ -10,7 +10,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import shown
 
 from ..worlds.ros.bridge import RosLink
-from ..worlds.ros.estop import BOOL, Estop, EstopCheck
+from ..worlds.ros.estop import BOOL, Estop
+from ..worlds.settings import EstopCheck
 
 ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9._-]+):(?P<port>\d{1,5})(?P<topic>/[A-Za-z0-9_/]+)")
 TIMEOUT_S = 3.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.posture import GRAVITY_M_S2
@@ -12,7 +13,10 @@ from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 
 from .drives import Imperfections
-from .ros.estop import EstopCheck
+
+EstopCheck = Literal["heard", "try", "without"]
+"""How an e-stop is known to work before a robot is armed: it, or its publisher, is there; it is pressed and released;
+or it is not asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,9 +26,8 @@ from stancekit.planners.robot.urdf import Servo, joint_names
 from ..capabilities import WorldCapabilities
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld
-from ..settings import WorldSettings
+from ..settings import EstopCheck, WorldSettings
 from ..world import State, Terrain
-from .estop import EstopCheck
 from .follow import Follower
 from .robot import POLL_S, RosRobot
 from .setup import RosSetup

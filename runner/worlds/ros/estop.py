@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import time
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import shown
 
+from ..settings import EstopCheck
 from .bridge import RosLink
 from .graph import RosGraph
 
-EstopCheck = Literal["heard", "try", "without"]
-"""How an e-stop is known to work before a robot is armed: it, or its publisher, is there; it is pressed and released;
-or it is not asked for."""
 BOOL = "std_msgs/Bool"
 LISTEN_S = 3.0
 TRY_S, RELEASED_S = 60.0, 5.0

@@ -12,10 +12,11 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 
 from ...safety.latch import StopLatch
+from ..settings import EstopCheck
 from .bridge import RosLink
 from .clock import version_of
 from .controller import ControllerState
-from .estop import Estop, EstopCheck
+from .estop import Estop
 from .goal import Goals, standstill, trajectory
 from .graph import RosGraph
 from .joint_states import JointStates

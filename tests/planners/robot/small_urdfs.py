@@ -33,6 +33,11 @@ def limit(name: str, effort: float = 40.0) -> str:
     return f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="10"/>'
 
 
+def small(link: str, mass: float, is_small: bool = True) -> str:
+    """A link with moments of inertia of a mass within some centimetres, in place of some decimetres."""
+    return link.replace('".01"', f'"{1e-4 * mass}"') if is_small else link
+
+
 def leg(name: str, effort: float = 40.0, mass: float = 1.0, bone: str = "") -> str:
     """Three joints, thigh and shank of .3 m, a ball for a foot; every leg a little different. bone: shape of its links,
     about each one's origin."""
@@ -40,8 +45,8 @@ def leg(name: str, effort: float = 40.0, mass: float = 1.0, bone: str = "") -> s
     side = 0.05 if y > 0 else -0.05
     return "".join(
         [
-            *(link(f"{name}_{part}", mass, bone) for part in ("HIP", "THIGH", "SHANK")),
-            link(f"{name}_FOOT", 0.1 * mass, '<sphere radius="0.02"/>').replace('".01"', f'"{1e-4 * mass}"'),
+            *(small(link(f"{name}_{part}", mass, bone), mass, bool(bone)) for part in ("HIP", "THIGH", "SHANK")),
+            small(link(f"{name}_FOOT", 0.1 * mass, '<sphere radius="0.02"/>'), mass),
             joint(f"{name}_HAA", "base", f"{name}_HIP", f"{x} {y} 0", "1 0 0", limit("HAA", effort)),
             joint(f"{name}_HFE", f"{name}_HIP", f"{name}_THIGH", f"0 {side} 0", "0 1 0", limit("HFE", effort)),
             joint(f"{name}_KFE", f"{name}_THIGH", f"{name}_SHANK", "0 0 -.3", "0 1 0", limit("KFE", effort)),
