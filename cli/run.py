@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from stancekit.runner.safety.heartbeat import HeartbeatMonitor
     from stancekit.runner.settings import RunSettings
     from stancekit.runner.worlds import World, WorldClass
-    from stancekit.runner.worlds.ros.estop import EstopCheck
+    from stancekit.runner.worlds.settings import EstopCheck
 
 Done = tuple[bool, dict[str, Any], Table]
 """Whether it succeeded, the report, and the report for people."""

@@ -12,7 +12,7 @@ from .console import as_options, err
 
 if TYPE_CHECKING:
     from stancekit.runner.safety.latch import Source
-    from stancekit.runner.worlds.ros.estop import EstopCheck
+    from stancekit.runner.worlds.settings import EstopCheck
 
 
 @contextmanager
