@@ -16,19 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InvalidInput
 from ..gait.trajectory import Trajectory
-from ..robot.legged import walking_robot
 from .report import acceptance_word
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS
-from .trajectory_limits import WHOLE_BODY
 from .trajectory_limits import Limits as Limits
 from .trajectory_measurements import GRAVITY_M_S2, TrajectoryMeasurements
 from .trajectory_momentum import MomentumMeasurements
 from .trajectory_series import Rows
 from .trajectory_steps import StepMeasurements
-from .trajectory_whole_body import nothing, whole_body
+from .trajectory_whole_body import hindrance, nothing, whole_body
 
 TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
@@ -98,18 +95,7 @@ class GaitReport:
 
         Of a robot without a model, the runner asks the servos of the world what the verifier cannot know.
         """
-        robots_own = WHOLE_BODY if self.trajectory.robot.model is None else ()
-        left = [name for name in self.unchecked if name not in robots_own]
-        if left:
-            return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'} not checked"
-        if self.trajectory.adhesive.any():
-            names = np.array(self.trajectory.robot.foot_names)[self.trajectory.adhesive]
-            return f"no world has feet that stick, as {', '.join(names)} do"
-        try:
-            _ = walking_robot(self.trajectory.robot)
-        except InvalidInput as error:
-            return str(error)
-        return ""
+        return hindrance(self.trajectory, self.unchecked)
 
     @property
     def refused(self) -> tuple[GroupViolation, ...]:
