@@ -199,13 +199,13 @@ def test_the_observation_does_not_depend_on_where_north_is():
 def test_a_robot_is_named_as_everywhere(tmp_path):
     pytest.importorskip("pinocchio")
     (tmp_path / "dog.urdf").write_text(quadruped())
-    (tmp_path / "dog.yaml").write_text("urdf: dog.urdf\nname: dog\nfeet: [LF_FOOT, RF_FOOT, LH_FOOT]\n")
+    (tmp_path / "dog.yaml").write_text("urdf: dog.urdf\nname: dog\nfeet: [LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT]\n")
     drawn = {}
     for robot in ("hexapod", tmp_path / "dog.urdf", str(tmp_path / "dog.yaml"), None):
         env = WarpedGaitEnv("waves", robot=robot, charts=("decoupled",))
         observation, _ = env.reset(seed=0)
         drawn[robot and str(robot).rpartition("/")[2]] = observation["adhesive"].shape
-    assert drawn == {"hexapod": (6,), "dog.urdf": (4,), "dog.yaml": (3,), None: (4,)}
+    assert drawn == {"hexapod": (6,), "dog.urdf": (4,), "dog.yaml": (4,), None: (4,)}
     with pytest.raises(InvalidInput, match=r"^robot: expected none where tasks are given, which have their own$"):
         made(robot="hexapod")
     with pytest.raises(InvalidInput, match=r"^robot: expected anymal, hexapod, a1, .*, got 'table'$"):
