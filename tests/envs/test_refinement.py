@@ -189,7 +189,7 @@ def test_rules_answer_batches():
     [
         ({"budget": 0}, "budget: expected 1 or more, got 0"),
         ({"projection": "fix-hope"}, "projection: expected one of fix-p"),
-        ({"render_mode": "human"}, "render_mode: expected None"),
+        ({"render_mode": "human"}, r"render_mode: expected one of \['rgb_array'\], got"),
         ({"problem": "ceiling-3"}, "distribution: expected one of"),
     ],
 )
