@@ -40,7 +40,7 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mujoco": (("mujoco",), ("simulate climb.json", "demo")),
     "terrain": (
         ("trimesh", "shapely", "pypcd4"),
-        ("terrain stones.obj", "plan stones.obj --start 0,0 --goal 1,0", "gait stones.obj --goal 1,0",
+        ("terrain stones.obj", "plan stones.obj --start 0,0 --goal 1,0",
          "terrain cloud.pcd", "sample terrain-3 --terrain stones.obj"),
     ),
     "viz": (("viser",), ("play walls --no-browser --port 0", "plan stairs --html page.html", "demo")),
