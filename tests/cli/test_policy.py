@@ -65,7 +65,7 @@ def test_boxes_that_are_for_p1_joined_with_the_lift_are_refused(tmp_path: Path) 
         BoxNetwork(Architecture(width=16, layers=1, heads=2, corner_width=8)), problem_class=EXPERT.problem_class,
         legs=EXPERT.legs, force_scale_n=1.0, length_scale_m=1.0, relaxation="joint",
     ).save(tmp_path / "joint.safetensors")  # fmt: skip
-    with pytest.raises(InvalidInput, match="expected a selector of boxes for P1 alone, got one for P1 joint"):
+    with pytest.raises(InvalidInput, match="selector: expected one of boxes for P1 alone, got one for P1 joint"):
         read_policy(str(tmp_path / "joint.safetensors"), COURSE)
 
 
@@ -82,7 +82,7 @@ def test_selectors_that_do_not_fit_are_refused_with_their_file(tmp_path: Path) -
         read_policy(str(tmp_path / "none.json"), COURSE)
     path = tmp_path / "strange.safetensors"
     write_selector("neural", path, problem="moon-3")
-    with pytest.raises(InvalidInput, match=r"strange.safetensors: problem class: distribution: expected .*moon-3"):
+    with pytest.raises(InvalidInput, match=r"strange.safetensors: distribution: expected .*moon-3"):
         read_policy(str(path), COURSE)
 
 
