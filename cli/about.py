@@ -17,7 +17,7 @@ class About:
 
     Prints the version, Python, every extra with the versions of its packages and the command that installs a missing
     one, the library that draws films, the number of cores, the CPU time of 1,000 cold solves of one cone program beside
-    that of the documentation's computer, and whether messages to an emulated servo bus arrive in time here.
+    that of the documentation's computer, and whether an emulated bus of 24 servos keeps up here.
 
       stancekit about
       stancekit about --json
@@ -64,8 +64,8 @@ def _lines(found: dict[str, Any]) -> list[str]:
     if (bus := found["bus"]) is not None:
         verdict = "keeps up" if bus["keeps_up"] else "does NOT keep up: stop other work before a run on it"
         lines.append(
-            f"servo bus  emulated: {1e3 * bus['usual_s']:.2f} ms a cycle, {1e3 * bus['worst_s']:.1f} at most, of "
-            f"{1e3 * bus['period_s']:g}: {verdict}"
+            f"servo bus  emulated at {bus['time_share']:.0%} of its pace; answers in {1e3 * bus['usual_s']:.1f} ms, "
+            f"{1e3 * bus['worst_s']:.1f} at most, with a period of {1e3 * bus['period_s']:g}: {verdict}"
         )
     return lines
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 import platform
 import sys
-import threading
-import time
 from collections.abc import Callable
 from ctypes.util import find_library
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
@@ -17,11 +16,6 @@ from packaging.requirements import Requirement
 
 TOOLS = ("dev", "docs")
 """Extras for working on the package, which no command needs."""
-BUS_PERIOD_S, BUS_CYCLES = 0.02, 150
-BUS_SENT, BUS_ANSWERED = 24 * 5 + 14, 24 * 19
-"""Bytes of a cycle with 24 servos: goals out, and positions, speeds, currents and errors back."""
-LATE_SHARE = 0.01
-"""The bus keeps up where no more than this share of the cycles takes longer than a period."""
 
 
 def about(
@@ -54,7 +48,11 @@ def about(
         progress(0, 2, "1,000 cold solves")
         found["solves_s"] = yardstick()
         progress(1, 2, "an emulated servo bus")
-        found["bus"] = bus_pace() if sys.platform != "win32" else None  # it has no pseudo-terminals
+        if sys.platform != "win32":  # it has no pseudo-terminals
+            from .emulators.bus_process import bus_pace
+
+            pace = bus_pace()
+            found["bus"] = asdict(pace) | {"keeps_up": pace.keeps_up}
         progress(2, 2, "done")
     return found
 
@@ -92,58 +90,3 @@ def gl() -> str:
     if chosen or sys.platform != "linux":
         return chosen or "of the system"
     return find_library("EGL") or find_library("OSMesa") or ""
-
-
-def bus_pace(cycles: int = BUS_CYCLES, period_s: float = BUS_PERIOD_S) -> dict[str, float | bool]:
-    """How long one cycle of an emulated servo bus takes: goals out and answers back through a pseudo-terminal.
-
-    The answering end is a thread that does what an emulated bus does at least: read, and write as many bytes as 24
-    servos answer. It is the pace of this computer and of its load, and no model of a servo.
-
-    Returns:
-        usual_s and worst_s, the median and the longest cycle [s]; period_s [s]; keeps_up.
-    """
-    import pty
-    import tty
-
-    near, far = pty.openpty()
-    tty.setraw(near)
-    tty.setraw(far)
-
-    def answer() -> None:
-        for _ in range(cycles):
-            if not _read(far, BUS_SENT):
-                return
-            os.write(far, bytes(BUS_ANSWERED))
-
-    thread = threading.Thread(target=answer, daemon=True)
-    thread.start()
-    taken, due = [], time.monotonic()
-    try:
-        for _ in range(cycles):
-            os.write(near, bytes(BUS_SENT))
-            _read(near, BUS_ANSWERED)
-            taken.append(time.monotonic() - due)
-            due = max(due + period_s, time.monotonic())
-            time.sleep(max(due - time.monotonic(), 0.0))
-    finally:
-        thread.join(timeout=1.0)
-        os.close(near)
-        os.close(far)
-    taken.sort()
-    late = sum(each > period_s for each in taken)
-    return {
-        "usual_s": taken[len(taken) // 2], "worst_s": taken[-1], "period_s": period_s,
-        "keeps_up": late <= LATE_SHARE * cycles,
-    }  # fmt: skip
-
-
-def _read(descriptor: int, count: int) -> bytes:
-    """So many bytes, fewer where the other end is closed."""
-    found = b""
-    while len(found) < count:
-        part = os.read(descriptor, count - len(found))
-        if not part:
-            break
-        found += part
-    return found

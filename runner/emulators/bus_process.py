@@ -12,6 +12,7 @@ import time
 import tty
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any, Self
 
 from . import protocol2 as p2
@@ -76,11 +77,17 @@ class BusProcess:
 class BusPace:
     """Pace of an emulated bus on this computer.
 
-    time_share: emulated time over the computer's; worst_s: longest wait for an answer to one period's packets.
+    Attributes:
+        time_share: emulated time over the computer's, 1 where it keeps up.
+        usual_s: median wait for the answer to one period's packets [s].
+        worst_s: longest wait for it [s].
+        period_s: period of the packets [s].
     """
 
     time_share: float
+    usual_s: float
     worst_s: float
+    period_s: float = PERIOD_S
 
     @property
     def keeps_up(self) -> bool:
@@ -94,7 +101,7 @@ def bus_pace(count: int = 24, seconds: float = 1.0) -> BusPace:
     goals = b"".join(bytes([i]) + (2048).to_bytes(4, "little") for i in ids)
     send = p2.packet(p2.BROADCAST, p2.SYNC_WRITE, GOAL + goals)
     send += p2.packet(p2.BROADCAST, p2.FAST_SYNC_READ, POSITION + bytes(ids))
-    size, worst_s = len(p2.fast_status([(i, 0, bytes(4)) for i in ids])), 0.0
+    size, waited_s = len(p2.fast_status([(i, 0, bytes(4)) for i in ids])), list[float]()
     with BusProcess(count=count) as bus:
         port = os.open(bus.path, os.O_RDWR | os.O_NOCTTY)
         try:
@@ -109,12 +116,14 @@ def bus_pace(count: int = 24, seconds: float = 1.0) -> BusPace:
                 os.write(port, send)
                 while left > 0 and (found := os.read(port, left)):
                     left -= len(found)
-                worst_s = max(worst_s, time.monotonic() - asked_s)
+                waited_s.append(time.monotonic() - asked_s)
                 due_s = max(due_s + PERIOD_S, time.monotonic())
                 time.sleep(max(0.0, due_s - time.monotonic()))
         finally:
             os.close(port)
-        return BusPace(time_share=float(bus.state()["time_share"]), worst_s=worst_s)
+        return BusPace(
+            time_share=float(bus.state()["time_share"]), usual_s=median(waited_s), worst_s=max(waited_s)
+        )
 
 
 def main() -> None:
