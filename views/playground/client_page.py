@@ -31,19 +31,24 @@ ADDED = """
     }
     return "";
   };
+  // Where no words are near, the name of the drawing: viser's icons carry theirs as a class.
+  const icon = element => [...element?.querySelectorAll("svg[class*=tabler-icon-]") || []]
+    .flatMap(each => [...each.classList]).find(name => name.startsWith("tabler-icon-"))
+    ?.replace("tabler-icon-", "").replaceAll("-", " ") || "";
   let due = false;
   const look = () => {
     due = false;
     set(document.documentElement, "lang", "en");
     for (const control of document.querySelectorAll("[role=slider], input:not([type=hidden]), [role=combobox]")) {
       if (control.labels?.length && words(control.labels[0])) continue;
-      const name = label(control);
+      const name = label(control) || (/^wss?:/.test(control.value) ? "address of the server" : "");
       if (name) set(control, "aria-label", control.tagName === "INPUT" && control.inputMode !== "" &&
         control.closest(".mantine-NumberInput-root") ? name + ", number" : name);
     }
     for (const button of document.querySelectorAll("button"))
       if (!words(button) && !button.getAttribute("aria-label")) {
-        const near = button.title || label(button);
+        const closes = button.closest("[role=alert]") && "Close this message";
+        const near = button.title || closes || icon(button) || label(button);
         if (near) set(button, "aria-label", near);
       }
     for (const canvas of document.querySelectorAll("canvas"))
