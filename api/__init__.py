@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .planners.answer.outcome import Posture as Posture
     from .planners.answer.outcome import Status as Status
     from .planners.answer.plan import Plan as Plan
-    from .planners.answer.plan import PlanOutcome as PlanOutcome
+    from .planners.answer.plan_outcome import PlanOutcome as PlanOutcome
     from .planners.errors import InvalidInput as InvalidInput
     from .planners.errors import StancekitError as StancekitError
     from .planners.gait.trajectory import Trajectory as Trajectory
@@ -61,7 +61,8 @@ _HOMES = {
     "envs.data.dataset": ("Dataset",),
     "pictures": ("draw",),
     "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
-    "planners.answer.plan": ("Plan", "PlanOutcome"),
+    "planners.answer.plan": ("Plan",),
+    "planners.answer.plan_outcome": ("PlanOutcome",),
     "planners.errors": ("InvalidInput", "StancekitError"),
     "planners.gait.trajectory": ("Trajectory",),
     "planners.problem.course": ("Course",),

@@ -7,7 +7,8 @@ from typing import overload
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import RecheckReport, recheck
 from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
-from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import Trajectory

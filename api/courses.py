@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput

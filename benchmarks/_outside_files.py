@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from stancekit.cli.main import main as command
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import plan_digest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_json import course_from_json
-from stancekit.planners.verify.report import plan_digest
 
 Array = NDArray[Any]
 SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")

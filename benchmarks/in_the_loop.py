@@ -34,7 +34,7 @@ from stancekit.cli.policy import read_policy
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.evaluation.evaluate import Share
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course import Course

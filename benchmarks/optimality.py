@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from stancekit.envs.distributions.courses import SMALL, perturbed
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course import Course, Foothold, StepLimits

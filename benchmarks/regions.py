@@ -24,7 +24,7 @@ from rich.table import Table
 
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.equilibrium.layout import Index
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled

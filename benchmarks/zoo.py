@@ -23,7 +23,7 @@ from torch import __version__ as torch_version
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import software
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.learners.data.executor import executor
+from stancekit.learners.data.executors import executor
 from stancekit.learners.evaluation.bench import ClassResult, run
 from stancekit.learners.evaluation.evaluate import Score, evaluate
 from stancekit.learners.evaluation.experiment import Experiment

@@ -54,7 +54,7 @@ class BenchEnvelopes:
     def run(self) -> int:
         """Run the bench, and write the table, as numbers and as a page, and a picture a class."""
         from stancekit.configs import config_path
-        from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.executors import executor
         from stancekit.learners.evaluation import bench, leaderboard
         from stancekit.learners.evaluation.experiment import Experiment
         from stancekit.planners.files.writing import write_text

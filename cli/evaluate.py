@@ -65,7 +65,7 @@ class Evaluate:
         """Roll every selector out and print the table."""
         from stancekit.envs.data.dataset import Dataset
         from stancekit.envs.data.scenes import scenes_of
-        from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.executors import executor
         from stancekit.learners.data.origin import check_of, check_unseen
         from stancekit.learners.evaluation.evaluate import check_same_class, evaluate, evaluate_lift
         from stancekit.learners.selectors.selector import Learned

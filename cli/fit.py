@@ -117,7 +117,7 @@ class Fit:
 
     def _executor(self) -> Executor:
         """Where generations run. Raises InvalidInput, also where the method has none."""
-        from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.executors import executor
         from stancekit.learners.training.fit_settings import SPREAD
 
         given = {"workers": self.workers != 1, "executor": self.executor != "processes", "address": self.address}

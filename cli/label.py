@@ -57,7 +57,7 @@ class LabelPostures:
     def run(self) -> int:
         """Label and sum up."""
         from stancekit.envs.data.ledger import LabelPlan, read_header
-        from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.executors import executor
         from stancekit.learners.data.labelling import Progress, label
 
         proposers = None if self.proposers is None else read_proposers(self.proposers)

@@ -20,7 +20,8 @@ from .plan_table import message_of, row, table_of
 from .robot_plan import bent_lines
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.plan import Plan, PlanOutcome
+    from stancekit.planners.answer.plan import Plan
+    from stancekit.planners.answer.plan_outcome import PlanOutcome
     from stancekit.planners.problem.course import Course
     from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
     from stancekit.planners.robot.contact_robot import Sets
@@ -239,7 +240,7 @@ class PlanCourse:
 
     def _said(self, outcome: PlanOutcome, report: Report) -> Iterator[str]:
         """What people are told of a plan, below the table."""
-        from stancekit.planners.verify.report import LATE
+        from stancekit.planners.answer.report import LATE
 
         plan = outcome.plan
         assert plan is not None
@@ -263,7 +264,7 @@ class PlanCourse:
 
     def _record(self, course: Course, outcome: PlanOutcome, report: Report | None, message: str) -> dict[str, Any]:
         """Everything as one JSON object."""
-        from stancekit.planners.verify.report import or_null, plan_arrays
+        from stancekit.planners.answer.report import or_null, plan_arrays
 
         numbers = ("objective", "bound", "residual", "compile_s", "seconds", "solver_seconds")
         record: dict[str, Any] = {

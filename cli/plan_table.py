@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.plan import PlanOutcome
+    from stancekit.planners.answer.plan_outcome import PlanOutcome
     from stancekit.planners.problem.course import Course
 
 

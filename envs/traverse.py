@@ -11,7 +11,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed

@@ -14,6 +14,7 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.plan_file import read_plan
+from stancekit.planners.answer.report import plan_arrays
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.trajectory_file import copied, read_trajectory
@@ -24,7 +25,6 @@ from stancekit.planners.robot.single_body import GRAVITY_M_S2
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.joints import joint_report
-from stancekit.planners.verify.report import plan_arrays
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 
 from .worlds.world import Ground, World

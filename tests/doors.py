@@ -20,7 +20,7 @@ from typing import Any
 import stancekit
 from stancekit.cli.main import parse, run
 from stancekit.planners.answer.outcome import Outcome, Status
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.answer.proof_file import read_proof
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.problem import PostureProblem

@@ -62,19 +62,6 @@ class WorkersDied(StancekitError):
     """Worker processes die again and again."""
 
 
-def executor(kind: Kind = "processes", *, workers: int = 1, address: str | None = None) -> Executor:
-    """The executor of this name. workers: of ``processes``; address: of a cluster. Raises InvalidInput."""
-    if kind == "processes":
-        if address is not None:
-            raise InvalidInput(f"address: expected none for processes, got {address!r}; use it with the executor ray")
-        return processes(workers)
-    if kind == "ray":
-        from .ray_cluster import ray_cluster
-
-        return ray_cluster(address or "auto")
-    raise InvalidInput(f"executor: expected processes or ray, got {kind!r}")
-
-
 def gather(
     run: Executor, tasks: Sequence[Task[Answer]], on_progress: Callable[[int, int], None] | None = None
 ) -> list[Answer]:

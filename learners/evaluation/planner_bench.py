@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

@@ -19,8 +19,8 @@ import cvxpy as cp
 import numpy as np
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text

@@ -22,7 +22,7 @@ from .links_in_ground import LinksInGround
 from .overlaps import Near, Overlap, WholeBody
 from .robot_model import RobotModel
 from .shapes import Shape
-from .solids import link_shapes
+from .solids import shape_points, solid_shapes
 from .urdf_reader import coal, pinocchio
 
 TOUCH_M, LINKS_M = 1e-3, 1e-4
@@ -35,6 +35,8 @@ SIDES = np.array(list(product((-1.0, 1.0), repeat=3)))
 """Corners of a box in units of half its sides."""
 POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
+LONG_M = 0.05
+"""A part of a leg that is longer than this has a shape, or is said to have none [m]."""
 ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
 """Cosine between normals of one surface, and how far from it what stands on it may be [m]."""
 
@@ -56,7 +58,7 @@ class Bodies:
         self.model = kinematics.model
         known = kinematics.known
         self._data, self._terrain = known.createData(), terrain
-        shapes, self.missing = link_shapes(kinematics.model)
+        shapes, self.missing = _link_shapes(kinematics.model)
         self.links = [shape.link for shape, _ in shapes]
         frames = [known.getFrameId(link, self._pin.FrameType.BODY) for link in self.links]
         self._frames, joints = frames, [known.frames[frame].parentJoint for frame in frames]
@@ -296,3 +298,26 @@ def _box(geometry: Any) -> tuple[Array, Array]:
 def _neighbours(known: Any, one: int, other: int) -> bool:
     """Whether two joints of pinocchio's carry the same body, or bodies that one of them joins."""
     return one == other or known.parents[one] == other or known.parents[other] == one
+
+
+def _link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
+    """The shapes of a robot's links with points whose hulls they are, and what has no shape, one line each.
+
+    Meshes that cannot be had have none, and long parts of legs that their file gives no shape.
+    """
+    found, missing = list[tuple[Shape, Array]](), dict[str, list[str]]()
+    for shape in solid_shapes(model.shapes):
+        points = shape_points(shape)
+        if points is not None:
+            found.append((shape, points))
+        elif shape.link not in missing.setdefault("link|: no mesh", []):
+            missing["link|: no mesh"].append(shape.link)
+    feet = {leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > LONG_M}
+    mounts = [model.mounts[shape.link] for shape, _ in found if shape.link not in feet]
+    shaped = {(mount.leg, mount.joint) for mount in mounts}
+    for i, leg in enumerate(model.legs):
+        ends = [*leg.chain.origins[1:], leg.chain.tip_m]
+        bare = [k for k, end in enumerate(ends) if np.linalg.norm(end) > LONG_M and (i, k) not in shaped]
+        missing.setdefault("joint|: no shape of what they carry", []).extend(leg.joint_names[k] for k in bare)
+    lines = [(*key.split("|"), names) for key, names in missing.items() if names]
+    return found, tuple(f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}" for kind, why, names in lines)

@@ -15,20 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, read_only
+from ..files.arrays import Array
+from .leg import Leg, Mount
 from .shapes import Shape, shape_elements
 from .solids import shape_points, solid_shapes
-
-if TYPE_CHECKING:
-    from .leg import Leg
-    from .robot_model import Mount
 
 ROUND = 0.15
 """Share of a ball's radius: as far as a mesh that is taken for one may be from it."""
@@ -44,19 +40,6 @@ FARTHER_M = 1e-3
 """A shape that goes no farther than this beyond the ball at a leg's end does not touch before it."""
 SAME_M = 1e-6
 """A shape is the one that touches if its centre and its radius are within this of the leg's."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Contact:
-    """A foot's contact as a person says it: a point in the foot's link, shape (3,) [m], or a ball of radius_m about
-    it."""
-
-    point_m: Array
-    radius_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point_m", read_only(self.point_m, (3,), "contact: point_m"))
-        object.__setattr__(self, "radius_m", checked(self.radius_m, "contact: radius_m", least=0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

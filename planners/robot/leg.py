@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..files.arrays import Array, read_only
+from ..files.arrays import Array, checked, read_only
 from .chain import Chain
-from .contacts import Contact
 
 FULL_TURN = 2.0 * np.pi - 1e-6
 
@@ -29,6 +28,40 @@ class Joint:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class FootContact:
+    """A foot's contact as a person describes it: a point, or a ball about that point.
+
+    Attributes:
+        point_m: the point in the frame of the foot's link, shape (3,) [m].
+        radius_m: radius of the ball, 0 for a point [m].
+    """
+
+    point_m: Array
+    radius_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point_m", read_only(self.point_m, (3,), "contact: point_m"))
+        object.__setattr__(self, "radius_m", checked(self.radius_m, "contact: radius_m", least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """The place of a link on the robot: the body that carries it, and where the link is in that body's frame.
+
+    Attributes:
+        leg: number of the leg whose joint carries the link; None for the base and for arms at rest.
+        joint: number of that joint in the leg, −1 for the base.
+        rotation: from the link's frame to the joint's or the base's, shape (3, 3).
+        origin_m: origin of the link in that frame, shape (3,) [m].
+    """
+
+    leg: int | None
+    joint: int
+    rotation: Array
+    origin_m: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Leg:
     """A chain of joints from the base to a foot.
 
@@ -44,7 +77,7 @@ class Leg:
     foot: str
     radius_m: float
     stance_rad: Array
-    contact: Contact | None = None
+    contact: FootContact | None = None
     doubt: str = ""
 
     def __post_init__(self) -> None:

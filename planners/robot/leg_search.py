@@ -19,8 +19,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.validation import shown
 from .chain import Chain
-from .contacts import Contact, Fits, Touch, placed_shapes, touch_of
-from .leg import FULL_TURN, Joint, Leg
+from .contacts import Fits, Touch, placed_shapes, touch_of
+from .leg import FULL_TURN, FootContact, Joint, Leg
 from .plausibility import points_up
 from .shapes import Shape
 from .urdf_reader import base_joint, matching, pinocchio
@@ -65,7 +65,7 @@ def legs_of(
     shapes: Sequence[Shape],
     order: Sequence[str],
     feet: Mapping[str, str],
-    contacts: Mapping[str, Contact] | None = None,
+    contacts: Mapping[str, FootContact] | None = None,
 ) -> Found:
     """The legs of pinocchio's model of a URDF.
 
@@ -96,10 +96,10 @@ def legs_of(
     return Found(legs=legs, guesses=tuple(guesses), doubts=tuple(tree.doubts), indices=indices, gaps=tuple(gaps))
 
 
-def _contacts(ends: Mapping[str, _End], contacts: Mapping[str, Contact]) -> dict[str, Contact]:
+def _contacts(ends: Mapping[str, _End], contacts: Mapping[str, FootContact]) -> dict[str, FootContact]:
     """What a person says of each leg, by its name; later patterns win. Raises InvalidInput for one that fits no leg."""
     owners = {**{end.foot: name for name, end in ends.items()}, **{name: name for name in ends}}
-    found = dict[str, Contact]()
+    found = dict[str, FootContact]()
     for pattern, contact in contacts.items():
         found |= {owners[name]: contact for name in matching(pattern, owners, "contacts")}
     return found
@@ -215,7 +215,7 @@ class _Tree:
             names=tuple(self._model.names[j] for j in joints),
         )  # fmt: skip
 
-    def leg(self, name: str, end: _End, contact: Contact | None = None) -> tuple[Leg, int]:
+    def leg(self, name: str, end: _End, contact: FootContact | None = None) -> tuple[Leg, int]:
         """The leg of a chain's end, its stance the middle of its limits; and the number of the shape that touches.
 
         contact: what a person says that it touches with. Raises InvalidInput for joints of more than one angle.
@@ -319,7 +319,7 @@ class _Tree:
             torque_nm=torque if np.isfinite(torque) else 0.0, velocity_rad_s=velocity if np.isfinite(velocity) else 0.0,
         )  # fmt: skip
 
-    def _touch(self, end: _End, contact: Contact | None) -> Touch:
+    def _touch(self, end: _End, contact: FootContact | None) -> Touch:
         """What the leg touches with, in the last joint's frame."""
         body = [frame for frame in self._bodies if frame.parentJoint == end.joints[-1]]
         places = {

@@ -16,8 +16,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
-from .contacts import Contact
 from .hulls import hulls_of_text, hulls_to_text
+from .leg import FootContact
 from .urdf_reader import Number
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class _Keys(BaseModel):
 
 
 class FootContactJson(_Keys):
-    """A ``Contact``."""
+    """A ``FootContact``."""
 
     point_m: Annotated[list[Number], Field(min_length=3, max_length=3)]
     radius_m: Annotated[float, Field(ge=0.0, le=1e3)]
@@ -114,7 +114,7 @@ def model_from_json(raw: ModelJson, name: str) -> RobotModel:
         raw.urdf, where="model: urdf", folder=None, hulls=hulls_of_text(raw.hulls or ""), feet=feet,
         posture_rad=stances, name=name,
         contacts={
-            leg.name: Contact(point_m=np.array(leg.contact.point_m), radius_m=leg.contact.radius_m)
+            leg.name: FootContact(point_m=np.array(leg.contact.point_m), radius_m=leg.contact.radius_m)
             for leg in raw.legs if leg.contact is not None
         },
     )  # fmt: skip

@@ -7,7 +7,6 @@ of mass. A robot with a trunk that weighs nothing, or feet that do, is one whose
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -15,12 +14,9 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.validation import shown
-from .leg import Leg
+from .leg import Leg, Mount
 from .shapes import Shape, foothold
 from .solids import shape_points
-
-if TYPE_CHECKING:
-    from .robot_model import Mount
 
 Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""

@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
 from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
-from .contacts import Contact
+from .leg import FootContact
 from .legged import legged_model
 from .model import hexapod
 from .robot_model import RobotModel, model_of
@@ -30,9 +30,9 @@ class ContactKeys(BaseModel):
     point_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
     radius_m: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
 
-    def contact(self) -> Contact:
+    def contact(self) -> FootContact:
         """The same as the planners have it."""
-        return Contact(point_m=np.array(self.point_m), radius_m=self.radius_m)
+        return FootContact(point_m=np.array(self.point_m), radius_m=self.radius_m)
 
 
 class RobotKeys(BaseModel):

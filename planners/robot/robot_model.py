@@ -18,9 +18,9 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown
-from .contacts import Contact, check_contacts, with_balls
+from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls
-from .leg import Leg
+from .leg import FootContact, Leg, Mount
 from .leg_search import legs_of
 from .plausibility import body_doubts, foot_doubts, leg_doubts, wrong_links
 from .shapes import Shape, disabled_pairs, shapes_of
@@ -63,17 +63,6 @@ class Body:
     mass_kg: float
     com_m: Array
     inertia_kgm2: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mount:
-    """What carries a link: a leg and its joint by number, or neither (the base, arms at rest); and where the link is in
-    that joint's frame or the base's, R and p, shapes (3, 3), (3,) [m]."""
-
-    leg: int | None
-    joint: int
-    rotation: Array
-    origin_m: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,7 +184,7 @@ def model_of(
     hulls: Mapping[int, Array] | None = None,
     srdf: str = "",
     feet: Mapping[str, str] | Sequence[str] = (),
-    contacts: Mapping[str, Contact] | None = None,
+    contacts: Mapping[str, FootContact] | None = None,
     joints: Mapping[str, JointCorrection] | None = None,
     posture_rad: Mapping[str, float] | None = None,
     name: str = "",

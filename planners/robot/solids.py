@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..files.arrays import Array
 from .shapes import Shape
 
-if TYPE_CHECKING:
-    from .robot_model import RobotModel
-
 CORNERS = 24
 """Of the polygon that stands for a circle."""
-LONG_M = 0.05
-"""A part of a leg that is longer than this has a shape, or is said to have none."""
 RINGS = 10
 """Of a sphere, from pole to pole."""
 
@@ -26,27 +20,6 @@ def solid_shapes(shapes: Sequence[Shape]) -> list[Shape]:
     """For each link the shapes that it collides with, or where there are none what it looks like."""
     bodies = {shape.link for shape in shapes if shape.collides}
     return [shape for shape in shapes if shape.collides or shape.link not in bodies]
-
-
-def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
-    """Shapes of links and points whose hulls they are; and what has none: meshes that cannot be had, long parts of
-    legs."""
-    found, missing = list[tuple[Shape, Array]](), dict[str, list[str]]()
-    for shape in solid_shapes(model.shapes):
-        points = shape_points(shape)
-        if points is not None:
-            found.append((shape, points))
-        elif shape.link not in missing.setdefault("link|: no mesh", []):
-            missing["link|: no mesh"].append(shape.link)
-    feet = {leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > LONG_M}
-    mounts = [model.mounts[shape.link] for shape, _ in found if shape.link not in feet]
-    shaped = {(mount.leg, mount.joint) for mount in mounts}
-    for i, leg in enumerate(model.legs):
-        ends = [*leg.chain.origins[1:], leg.chain.tip_m]
-        bare = [k for k, end in enumerate(ends) if np.linalg.norm(end) > LONG_M and (i, k) not in shaped]
-        missing.setdefault("joint|: no shape of what they carry", []).extend(leg.joint_names[k] for k in bare)
-    lines = [(*key.split("|"), names) for key, names in missing.items() if names]
-    return found, tuple(f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}" for kind, why, names in lines)
 
 
 def shape_points(shape: Shape) -> Array | None:

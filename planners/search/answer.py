@@ -11,7 +11,8 @@ from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 import numpy as np
 
 from ..answer.outcome import Certificate, Outcome, Posture, Status
-from ..answer.plan import Plan, PlanOutcome
+from ..answer.plan import Plan
+from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
 from ..problem import PostureProblem

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..answer.outcome import Certificate
-from ..answer.plan import PlanOutcome
+from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers

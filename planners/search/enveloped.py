@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..answer.outcome import Status
-from ..answer.plan import PlanOutcome
+from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..answer.outcome import Outcome, Status
-from ..answer.plan import PlanOutcome
+from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.conic_solution import ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs

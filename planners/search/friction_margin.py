@@ -14,7 +14,8 @@ from dataclasses import replace
 from functools import cache
 
 from ..answer.outcome import Status
-from ..answer.plan import Plan, PlanOutcome
+from ..answer.plan import Plan
+from ..answer.plan_outcome import PlanOutcome
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES, pressing, steady
 from ..terrain.patch import Patch

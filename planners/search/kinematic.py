@@ -24,7 +24,8 @@ from typing import Literal, get_args
 import cvxpy as cp
 import numpy as np
 
-from ..answer.plan import Plan, PlanOutcome
+from ..answer.plan import Plan
+from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled

@@ -15,7 +15,8 @@ from typing import Any, overload
 import numpy as np
 
 from ..answer.outcome import Outcome
-from ..answer.plan import Plan, PlanOutcome
+from ..answer.plan import Plan
+from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args, overload
 import numpy as np
 
 from ..answer.outcome import Outcome
-from ..answer.plan import PlanOutcome
+from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import checked, checked_choice, checked_int

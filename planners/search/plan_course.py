@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..answer.outcome import Status
-from ..answer.plan import PlanOutcome
+from ..answer.plan_outcome import PlanOutcome
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course

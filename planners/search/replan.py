@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from ..answer.plan import PlanOutcome
+from ..answer.plan_outcome import PlanOutcome
 from ..problem.course import Course
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import CoursePlanner

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..answer.outcome import Certificate
-from ..answer.plan import PlanOutcome
+from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled

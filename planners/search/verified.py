@@ -14,7 +14,8 @@ from copy import deepcopy
 from typing import Any, TypeVar
 
 from ..answer.outcome import Certificate, Outcome, Posture, Status
-from ..answer.plan import Plan, PlanOutcome
+from ..answer.plan import Plan
+from ..answer.plan_outcome import PlanOutcome
 from ..errors import InvalidInput
 from ..files.validation import shown
 from ..plugins import foreign

@@ -6,14 +6,14 @@ import math
 from dataclasses import replace
 
 from ..answer.outcome import Status
-from ..answer.plan import PlanOutcome
+from ..answer.plan_outcome import PlanOutcome
+from ..answer.report import LATE
 from ..errors import InvalidInput, TimeEnded, check_time
 from ..files.arrays import Array
 from ..projection.whole_body import whole_body
 from ..projection.whole_body_limits import WholeBodyLimits
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
-from ..verify.report import LATE
 from .answer import objective_of
 
 

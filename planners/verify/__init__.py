@@ -5,6 +5,10 @@ problem or of a course alike; ``explain`` says what such a proof gives as its re
 and ``check_certificates``, give numbers in place of reports. No solver takes part, and no code of a planner.
 """
 
+from ..answer.report import GROUPS as GROUPS
+from ..answer.report import PLAN_GROUPS as PLAN_GROUPS
+from ..answer.report import GroupViolation as GroupViolation
+from ..answer.report import Report as Report
 from .certificate import CertificateReport as CertificateReport
 from .certificate import check_certificate as check_certificate
 from .certificate import check_certificates as check_certificates
@@ -16,7 +20,3 @@ from .plans import BETWEEN as BETWEEN
 from .plans import check_plan as check_plan
 from .postures import check_posture as check_posture
 from .postures import check_postures as check_postures
-from .report import GROUPS as GROUPS
-from .report import PLAN_GROUPS as PLAN_GROUPS
-from .report import GroupViolation as GroupViolation
-from .report import Report as Report

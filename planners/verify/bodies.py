@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..answer.plan import Plan
+from ..answer.report import LATE
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .report import LATE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..answer.outcome import Posture
 from ..answer.plan import Plan
+from ..answer.report import OPTIONAL, plan_shapes
 from ..files.arrays import LARGEST
 from ..problem import PostureProblem
-from .report import OPTIONAL, plan_shapes
 from .soles import counts_of, forces_defect
 
 

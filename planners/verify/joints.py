@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..answer.plan import Plan
+from ..answer.report import LATE, NOBODY_CARRIES, NOT_ASKED, WHOLE_BODY
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course
 from ..robot.urdf import Servo
 from .bodies import check_bodies
-from .report import LATE, NOBODY_CARRIES, NOT_ASKED, WHOLE_BODY
 
 if TYPE_CHECKING:
     from ..robot.kinematics import Kinematics

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..answer.plan import Plan
+from ..answer.report import NOT_ASKED, PLAN_GROUPS, WHOLE_BODY, GroupViolation, Report, refused
 from ..files.arrays import Array
 from ..terrain.patch import Patch
 from .defects import plan_defect
@@ -30,7 +31,6 @@ from .ground import off_terrain
 from .half_spaces import beyond, bowed, reach_rows, relative_rows
 from .joints import check_whole_body
 from .postures import NOTHING, worst_groups
-from .report import NOT_ASKED, PLAN_GROUPS, WHOLE_BODY, GroupViolation, Report, refused
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 

@@ -11,12 +11,12 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from ..answer.outcome import Posture
+from ..answer.report import GROUPS, PLAN_GROUPS, GroupViolation, Report, refused
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from .defects import posture_defect
 from .geometry import exact_and_linear, length
 from .half_spaces import row_counts
-from .report import GROUPS, PLAN_GROUPS, GroupViolation, Report, refused
 from .soles import counts_of
 from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.outcome import Posture
+from ..answer.report import GROUPS
 from ..files.arrays import Array, cached_arrays, locked
 from ..problem import Contact, PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cross, length, patch_distances
 from .half_spaces import beyond, reach_rows, relative_rows, row_counts
-from .report import GROUPS
 from .soles import counts_of, off_sole, sole_points
 
 LARGEST_UNIT_M = 1.0

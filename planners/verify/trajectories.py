@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from ..answer.report import acceptance_word
 from ..gait.trajectory import Trajectory
-from .report import acceptance_word
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS
 from .trajectory_limits import Limits as Limits

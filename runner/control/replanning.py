@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits

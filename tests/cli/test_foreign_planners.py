@@ -93,7 +93,7 @@ GARBAGE = """
 import sys
 import numpy as np
 import stancekit
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 
 def returning(thing):
     class Planner:

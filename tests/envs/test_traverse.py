@@ -16,7 +16,7 @@ from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
 from stancekit.learners.selectors.terrain_rule import TerrainRule
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course_file import read_course

@@ -11,7 +11,8 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course

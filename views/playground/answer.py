@@ -6,7 +6,8 @@ import time
 from dataclasses import dataclass
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.problem.course import Course
 from stancekit.planners.search.plan_course import plan_course

@@ -9,13 +9,13 @@ import numpy as np
 
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import WHOLE_BODY, acceptance_word
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.verify import Report
-from stancekit.planners.verify.report import WHOLE_BODY, acceptance_word
 
 from ..plan_motion import Moment
 from ..sheet import leg_colour

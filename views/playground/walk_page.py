@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from stancekit.planners.answer.report import acceptance_word
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.gait.trajectory_file import write_trajectory
-from stancekit.planners.verify.report import acceptance_word
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..plans import GOAL

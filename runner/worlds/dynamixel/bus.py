@@ -10,9 +10,9 @@ import logging
 import os
 import termios
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ ALERT = 0x80
 SOUND, SILENT, CORRUPT = 0, -3001, -3002
 """Results of the SDK: an answer that is whole, none at all, and one that is damaged."""
 PATIENCE = 2
+Blame = Callable[["ServoBus", int, int], NoReturn]
+"""A diagnosis that raises HardwareFault: what to do when bytes (address, size) of all servos did not come."""
 log = logging.getLogger(__name__)
 
 
@@ -35,7 +37,8 @@ class ServoBus:
 
     ids, names: of the servos and of their joints. retries: how often a damaged or late answer is asked for again.
     latency_ms: how long beyond its bytes' own time an answer may take. latch: every write passes it, or is refused with
-    Stopped, but for reading and for what says that it stops the robot.
+    Stopped, but for reading and for what says that it stops the robot. blame: raises HardwareFault with the servo and
+    the setting that are the reason where servos do not answer.
     ``retried`` counts damaged and late answers; ``fast``: all servos are read by Fast Sync Read. Raises InvalidInput
     where the SDK is not installed.
     """
@@ -50,6 +53,7 @@ class ServoBus:
         retries: int = 2,
         latency_ms: float = LATENCY_MS,
         latch: StopLatch | None = None,
+        blame: Blame | None = None,
     ) -> None:
         try:
             from dynamixel_sdk import PacketHandler
@@ -61,6 +65,7 @@ class ServoBus:
         self.fast, self.retried = False, 0
         self._retries, self._packets, self.latency_ms = retries, PacketHandler(2.0), latency_ms
         self._latch = StopLatch() if latch is None else latch
+        self._blame = blame
         self._handler: Any = None
 
     def open(self) -> None:
@@ -212,9 +217,9 @@ class ServoBus:
             if table is not None:
                 log.warning("port %s: Fast Sync Read is not answered; Sync Read is used instead", self.port)
         if table is None:
-            from .diagnosis import blame
-
-            blame(self, address, size)
+            if self._blame is not None:
+                self._blame(self, address, size)
+            raise HardwareFault(f"port {self.port}: servos do not answer, or not as they should")
         if alerts and raised.any():
             self._raise_alert(raised)
         return table

@@ -30,6 +30,7 @@ from ..world import State, Terrain
 from . import control_table as table
 from .bus import ServoBus, signed, unsigned
 from .calibration import Calibration, Turning
+from .diagnosis import blame
 from .judge import Doubt, MeasurementJudge
 from .setup import check_servos, configure
 
@@ -79,8 +80,9 @@ class DynamixelWorld(HardwareWorld):
         self._current = np.array([round(each.current_a / table.AMPERE) for each in self._servos])
         ids = [each.id for each in self._servos]
         self.bus = ServoBus(
-            calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms, latch=self.latch
-        )
+            calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms,
+            latch=self.latch, blame=blame,
+        )  # fmt: skip
         self.capabilities, self.bus_s = self._capable(), 0.0
         self._judge = MeasurementJudge(self.bus, self.drives.velocity_rad_s)
         self._driven = False  # goals may have been sent that the servos are still on their way to

@@ -18,7 +18,8 @@ import pytest
 
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data import ray_cluster, ray_driver
-from stancekit.learners.data.executor import ClusterGone, WorkersDied, executor, gather, processes
+from stancekit.learners.data.executor import ClusterGone, WorkersDied, gather, processes
+from stancekit.learners.data.executors import executor
 from stancekit.learners.data.labelling import label
 from stancekit.planners.errors import InvalidInput
 from tests.emulators.tasks import die, die_once, fail, square

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.problem.course import Course
 from stancekit.planners.search.answer import TimeLimited
 from stancekit.planners.search.friction_margin import plan_with_reserve, slippery

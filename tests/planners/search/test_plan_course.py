@@ -13,7 +13,8 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import TimeEnded
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course

@@ -8,7 +8,7 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits

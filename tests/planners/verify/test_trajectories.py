@@ -612,7 +612,7 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
     carried = {
         "robot/contacts.py", "robot/hulls.py", "robot/leg.py", "robot/robot_model.py",
         "robot/shapes.py", "robot/walker.py",
-        "verify/report.py", "verify/trajectory_whole_body.py",
+        "answer/report.py", "verify/trajectory_whole_body.py",
     }  # fmt: skip
     while todo:
         name = todo.pop()

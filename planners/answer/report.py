@@ -12,13 +12,13 @@ from typing import Any, cast
 
 from numpy.typing import NDArray
 
-from ..answer.outcome import Posture
-from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..problem.course_json import course_to_json
 from ..robot.urdf import hexapod_urdf, joint_names
+from .outcome import Posture
+from .plan import Plan
 
 GROUPS = {
     "patch": "m",
