@@ -64,7 +64,7 @@ _HOMES = {
     "planners.answer.plan": ("Plan",),
     "planners.answer.plan_outcome": ("PlanOutcome",),
     "planners.errors": ("InvalidInput", "StancekitError"),
-    "planners.gait.trajectory": ("Trajectory",),
+    "planners.answer.trajectory": ("Trajectory",),
     "planners.problem.course": ("Course",),
     "planners.problem.posture": ("Contact", "PostureProblem"),
     "planners.relaxation.envelope": ("Envelope", "EnvelopeSet"),

@@ -9,9 +9,9 @@ from stancekit.learners.data.labelling import RecheckReport, recheck
 from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.verify import (

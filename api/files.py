@@ -10,17 +10,16 @@ from typing import Any, TypeVar, overload
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.planners.answer import plan_file, proof_file
-from stancekit.planners.answer.answer_file import read_envelopes, read_modes, read_problems, write_boxes
 from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml
 from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.gait import trajectory_file
-from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.formats import plan_file, proof_file, trajectory_file
+from stancekit.planners.formats.answer_file import read_envelopes, read_modes, read_problems, write_boxes
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course

@@ -25,7 +25,7 @@ import numpy as np
 from _bench import Options, launch, realtime
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import read_plan
+from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner

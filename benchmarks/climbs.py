@@ -34,7 +34,7 @@ from joblib import Parallel, delayed
 from walks import ROBOTS, as_file_name, robot_file
 
 from stancekit.learners.evaluation.evaluate import Share
-from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.contact_robot import standing_toes

@@ -34,8 +34,8 @@ from _bench import Options, launch, realtime
 from fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
 from stop_runs import STOPS, stopped
 
-from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan

@@ -22,8 +22,8 @@ import numpy as np
 from _bench import Options, launch
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import check_file, write_plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.rotation import rotation_of

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.posture import Contact, PostureProblem

@@ -28,7 +28,7 @@ from robot_step import scene_course
 from walks import ROBOTS, robot_file
 from walks import planned as walk_file
 
-from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course

@@ -23,8 +23,8 @@ import tyro
 from _bench import Options, kept, launch
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import read_plan, write_plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.actuators import read_actuators

@@ -26,13 +26,13 @@ from robots import robots
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.plan_joints import plan_angles
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import make_course_planner

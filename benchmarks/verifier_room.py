@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 
-from stancekit.planners.gait.trajectory_file import read_trajectory
+from stancekit.planners.formats.trajectory_file import read_trajectory
 from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
 
 

@@ -33,7 +33,7 @@ from _wrong import Wrong
 
 import stancekit
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.walker import walker_of
 from stancekit.runner.acceptance import AcceptedGait

@@ -94,7 +94,7 @@ def table(rows: list[dict[str, Any]]) -> Table:
 
 def draw(rows: list[dict[str, Any]], folder: Path) -> None:
     """A picture beside every plan."""
-    from stancekit.planners.answer.plan_file import read_plan
+    from stancekit.planners.formats.plan_file import read_plan
     from stancekit.views.plans import draw_plan
     from stancekit.views.sheet import save
 

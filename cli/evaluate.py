@@ -70,7 +70,7 @@ class Evaluate:
         from stancekit.learners.evaluation.evaluate import check_same_class, evaluate, evaluate_lift
         from stancekit.learners.selectors.selector import Learned
         from stancekit.learners.selectors.selector_file import load_selector
-        from stancekit.planners.answer.answer_file import read_envelopes
+        from stancekit.planners.formats.answer_file import read_envelopes
         from stancekit.planners.projection.project import PROJECTIONS
 
         if not self.projection:

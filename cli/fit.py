@@ -79,8 +79,8 @@ class Fit:
         from stancekit.learners.data.origin import check_of
         from stancekit.learners.selectors.selector import FixedSelector
         from stancekit.learners.training.fitting import learn
-        from stancekit.planners.answer.answer_file import write_boxes
         from stancekit.planners.files.writing import check_writable
+        from stancekit.planners.formats.answer_file import write_boxes
         from stancekit.planners.relaxation.modes import Modes
 
         check_writable(self.out)

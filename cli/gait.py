@@ -146,8 +146,8 @@ class Gait:
     def _check(self) -> None:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
         from stancekit.planners.files.arrays import checked_int
+        from stancekit.planners.formats.trajectory_file import check_name
         from stancekit.planners.gait.charts import CHARTS
-        from stancekit.planners.gait.trajectory_file import check_name
 
         from .gait_answer import check_pictures
 
@@ -256,7 +256,7 @@ class Gait:
     # ------------------------------------------------------------------------------------------------ output
 
     def _write(self, best: Attempted) -> bool:
-        from stancekit.planners.gait.trajectory_file import write_trajectory
+        from stancekit.planners.formats.trajectory_file import write_trajectory
 
         if self.out is None or not (best.verified or self.unverified):
             return False

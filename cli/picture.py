@@ -36,8 +36,8 @@ class Picture:
 
     def run(self) -> int:
         """Solve, draw, write."""
-        from stancekit.planners.answer.answer_file import read_envelopes, read_problems
         from stancekit.planners.files.writing import check_writable
+        from stancekit.planners.formats.answer_file import read_envelopes, read_problems
         from stancekit.planners.search.methods import PlannerOptions, make_planner
         from stancekit.planners.verify import explain
         from stancekit.views.postures import draw_posture

@@ -124,7 +124,7 @@ class PlanCourse:
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.answer.outcome import Status
-        from stancekit.planners.answer.proof_file import write_proof
+        from stancekit.planners.formats.proof_file import write_proof
         from stancekit.planners.search.plan_course import ALL_FRICTION, plan_course
 
         deadline = time.perf_counter() + self.time_limit_s
@@ -187,7 +187,7 @@ class PlanCourse:
             raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
         targets: list[tuple[str, Path | None]] = [("--proof", self.proof)]
         if self.out is not None:
-            from stancekit.planners.answer.plan_file import check_name
+            from stancekit.planners.formats.plan_file import check_name
 
             targets.append(("--out", check_name(self.out)))
         for _, target in targets:
@@ -202,8 +202,8 @@ class PlanCourse:
                 raise InvalidInput(f"{option}: expected another file than {first}, got {target} for both")
 
     def _planner(self) -> CoursePlanner:
-        from stancekit.planners.answer.answer_file import read_boxes
         from stancekit.planners.equilibrium.programs import Programs
+        from stancekit.planners.formats.answer_file import read_boxes
         from stancekit.planners.search.methods import COURSE_METHODS, EVERY_OPTION, PlannerOptions, make_course_planner
 
         taken = COURSE_METHODS.get(self.planner, EVERY_OPTION)
@@ -219,7 +219,7 @@ class PlanCourse:
     def _write(self, plan: Plan, report: Report) -> None:
         """Write the files that were asked for. report: the verifier's, of this plan."""
         if self.out is not None:
-            from stancekit.planners.answer.plan_file import write_plan
+            from stancekit.planners.formats.plan_file import write_plan
 
             write_plan(self.out, plan, report)
         if self.picture is not None:

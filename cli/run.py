@@ -153,7 +153,7 @@ class Run:
     def _request(self) -> Accepted | AcceptedGait | Course:
         """What PLAN is. Raises InvalidInput for what cannot be run, or not with these options."""
         from stancekit.planners.files.documents import read_json
-        from stancekit.planners.gait.trajectory_file import is_trajectory
+        from stancekit.planners.formats.trajectory_file import is_trajectory
         from stancekit.planners.problem.course_file import builtin_courses, read_course
         from stancekit.planners.problem.course_json import FORMAT
         from stancekit.runner.acceptance import Accepted, AcceptedGait

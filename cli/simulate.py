@@ -57,8 +57,8 @@ class Simulate:
 
     def run(self) -> int:
         """Read, execute, compare."""
-        from stancekit.planners.answer.plan_file import read_plan
         from stancekit.planners.files.arrays import checked
+        from stancekit.planners.formats.plan_file import read_plan
         from stancekit.runner.motion.timeline import Timing
         from stancekit.runner.run import simulate
         from stancekit.runner.settings import RunSettings

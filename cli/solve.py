@@ -78,9 +78,9 @@ class Solve:
 
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""
-        from stancekit.planners.answer.answer_file import read_envelopes
         from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.files.writing import check_writable, write_text
+        from stancekit.planners.formats.answer_file import read_envelopes
         from stancekit.planners.search.methods import PlannerOptions, make_planner
 
         self._check()
@@ -118,7 +118,7 @@ class Solve:
     def _answer(
         self, where: str, problem: PostureProblem | InvalidInput, planner: Planner, envelopes: EnvelopeSet | None
     ) -> dict[str, Any]:
-        from stancekit.planners.answer.answer_file import outcome_to_json
+        from stancekit.planners.formats.answer_file import outcome_to_json
 
         if isinstance(problem, InvalidInput):
             return _invalid(where, problem)
@@ -132,7 +132,7 @@ class Solve:
 
 
 def _problems(files: tuple[str, ...]) -> Iterator[tuple[str, PostureProblem | InvalidInput]]:
-    from stancekit.planners.answer.answer_file import read_problems
+    from stancekit.planners.formats.answer_file import read_problems
 
     for name in files:
         try:

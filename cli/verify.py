@@ -84,9 +84,9 @@ class Verify:
 
     def _file(self) -> int:
         """A plan of key frames or a gait trajectory: one verdict."""
-        from stancekit.planners.answer import plan_file, proof_file
         from stancekit.planners.files.documents import read_json
-        from stancekit.planners.gait import trajectory_file as record
+        from stancekit.planners.formats import plan_file, proof_file
+        from stancekit.planners.formats import trajectory_file as record
 
         name = str(self.problems)
         try:
@@ -174,7 +174,7 @@ class Verify:
         return int(not report.accepted)
 
     def _verdicts(self, answers: Path) -> Iterator[dict[str, Any]]:
-        from stancekit.planners.answer.answer_file import answer_from_json, json_records, read_problems
+        from stancekit.planners.formats.answer_file import answer_from_json, json_records, read_problems
 
         problems = list(read_problems(text_of(self.problems), str(self.problems)))
         claims = list(json_records(text_of(answers), str(answers)))

@@ -21,8 +21,8 @@ import stancekit
 from stancekit.cli.main import parse, run
 from stancekit.planners.answer.outcome import Outcome, Status
 from stancekit.planners.answer.plan_outcome import PlanOutcome
-from stancekit.planners.answer.proof_file import read_proof
 from stancekit.planners.files.writing import write_text
+from stancekit.planners.formats.proof_file import read_proof
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_json import course_to_json

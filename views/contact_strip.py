@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory
 
 from .sheet import DEFAULT_STYLE, INK, QUIET, Size, leg_colour, quiet_axes, sheet, to_rgb
 

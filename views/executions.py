@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import foot_radii
 from stancekit.runner.execution import Execution

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from matplotlib.figure import Figure
 
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.robot.walk_joints import walk_joints
+from stancekit.planners.motion.walk_joints import walk_joints
 from stancekit.planners.verify.trajectories import GaitReport
 
 from .camera import Camera, best_view

@@ -19,11 +19,11 @@ import cvxpy as cp
 import numpy as np
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
+from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import builtin_scenes, read_course
 from stancekit.planners.search.kinematic import SOLVERS, KinematicPlanner

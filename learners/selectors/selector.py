@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.envs.memoryless import MemorylessPolicy, Observation
-from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.answer_file import write_boxes
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.joint import RelaxationName
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import decoded, open_file, parse_json
+from stancekit.planners.formats.answer_file import read_envelopes
 
 from .own import is_own, own_selector
 from .selector import Learned

@@ -9,12 +9,12 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from ..answer.trajectory import STEP_S, Trajectory
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from .constraints.cost import acceleration, force_rate
 from .method.guess import perturbed, terrain_following
 from .task import GaitSettings, GaitTask
-from .trajectory import STEP_S, Trajectory
 from .transcription.blocks import Constraint
 from .transcription.ipopt import Callback, Ipopt
 from .transcription.program import Program

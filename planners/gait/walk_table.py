@@ -24,6 +24,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from ..answer.trajectory import Trajectory
 from ..errors import InvalidInput
 from ..files.archive import read_archive
 from ..files.arrays import Array, read_only
@@ -33,7 +34,6 @@ from ..robot.single_body import GaitRobot
 from ..robot.walker import named_walker
 from ..terrain.import_options import ImportOptions
 from ..terrain.reference import named_terrain
-from .trajectory import Trajectory
 
 LOADED = 1e-3
 """Of the weight."""

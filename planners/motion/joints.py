@@ -19,8 +19,8 @@ from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import descend
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.overlaps import WholeBody
-from ..robot.plan_joints import normals_at
 from .path import APART_M, Moments, PlanPath
+from .plan_joints import normals_at
 
 STRAY_M = 1e-4
 """A foot that is farther from where it should be does not follow its path: what the tracker looks for anew, and the

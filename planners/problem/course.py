@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, collect_errors, read_only
-from ..robot.model import Limb, Robot
+from ..robot.model import GRAVITY_M_S2, Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.sole import sole_offsets, sole_region
 from .foothold import Foothold as Foothold
 from .foothold import Stance as Stance
 from .limits import StepLimits as StepLimits
 from .limits import Weights as Weights
-from .posture import GRAVITY_M_S2, TILT_LIMIT_RAD, Contact, PostureProblem
+from .posture import TILT_LIMIT_RAD, Contact, PostureProblem
 
 MOST_FRAMES = 200
 

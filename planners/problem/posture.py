@@ -12,14 +12,13 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_members, checked_name, collect_errors, read_only
 from ..files.validation import validated
-from ..robot.model import Robot, hexapod
+from ..robot.model import GRAVITY_M_S2, Robot, hexapod
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from ..terrain.sole import checked_sole, sole_offsets, sole_region
 from .posture_json import ContactJson, PostureJson
 
 FORMAT = "stancekit/posture/1"
-GRAVITY_M_S2 = 9.81
 TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (paper E §II)
 UP = (0.0, 0.0, 1.0)
 THREE_LEGS = ("RF", "RR", "LM")

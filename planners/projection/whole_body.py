@@ -27,8 +27,8 @@ from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
 from ..motion.joints import STRAY_M
+from ..motion.plan_joints import plan_angles
 from ..robot.kinematics import Kinematics
-from ..robot.plan_joints import plan_angles
 from ..verify import check_plan
 from .clearance import APART_M, CLEAR_PRICE, Nearness, PathClearance
 from .force_distribution import EASY

@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .leg_ik import limb_posture
-from .model import Limb, Robot, hexapod
-from .robot_model import GRAVITY_M_S2, RobotModel, model_of
+from .model import GRAVITY_M_S2, Limb, Robot, hexapod
+from .robot_model import RobotModel, model_of
 from .urdf import FOOT_RADIUS_M, JOINTS, LINKS, Servo, hexapod_urdf
 
 if TYPE_CHECKING:

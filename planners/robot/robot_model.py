@@ -22,6 +22,7 @@ from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls
 from .leg import FootContact, Leg, Mount
 from .leg_search import legs_of
+from .model import GRAVITY_M_S2
 from .plausibility import body_doubts, foot_doubts, leg_doubts, wrong_links
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
@@ -41,7 +42,6 @@ STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is there."""
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
-GRAVITY_M_S2 = 9.81
 SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
 IDENTITY_DIGITS = 12
 """Of a digest in a name."""

@@ -13,12 +13,11 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, collect_errors, read_only
 from ..files.documents import read_yaml
 from ..files.validation import validation_errors
-from .model import hexapod
+from .model import GRAVITY_M_S2, hexapod
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel
 
-GRAVITY_M_S2 = 9.81
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

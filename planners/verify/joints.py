@@ -173,7 +173,7 @@ def torque_cap(plan: Plan) -> float:
 
 def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, Array, Array, str]:
     """Angles, errors of the feet, what is beyond limits, and what is wrong with them."""
-    from ..robot.plan_joints import normals_at, plan_angles
+    from ..motion.plan_joints import normals_at, plan_angles
     from ..robot.rotation import rotation_of
 
     course, frames = plan.course, list(range(plan.course.frames))

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from ..answer.report import acceptance_word
-from ..gait.trajectory import Trajectory
+from ..answer.trajectory import Trajectory
+from ..robot.model import GRAVITY_M_S2
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS
 from .trajectory_limits import Limits as Limits
-from .trajectory_measurements import GRAVITY_M_S2, TrajectoryMeasurements
+from .trajectory_measurements import TrajectoryMeasurements
 from .trajectory_momentum import MomentumMeasurements
 from .trajectory_series import Rows
 from .trajectory_steps import StepMeasurements

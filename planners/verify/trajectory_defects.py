@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from ..answer.trajectory import Trajectory
 from ..files.arrays import LARGEST
-from ..gait.trajectory import Trajectory
 
 
 def defect_of(trajectory: Trajectory, step_s: float) -> str:

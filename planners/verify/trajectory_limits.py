@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..gait.trajectory import STEP_S
+from ..answer.trajectory import STEP_S
 
 GROUPS = {
     "rotation": "1",

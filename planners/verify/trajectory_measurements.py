@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from ..answer.trajectory import Trajectory
 from ..files.arrays import Array
-from ..gait.trajectory import Trajectory
+from ..robot.model import GRAVITY_M_S2
 from .trajectory_series import Series
 
 Flags = NDArray[np.bool_]
 
-GRAVITY_M_S2 = 9.81
 APART_M, CLOSE_M, NEAR_M = 0.08, 0.02, 0.1
 """How far apart points of the trunk are, and where something is near; and what near is [m]."""
 FEELER_M = 1e-5

@@ -23,9 +23,9 @@ from .trajectory_series import Rows, Series
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from ..gait.trajectory import Trajectory
+    from ..answer.trajectory import Trajectory
+    from ..motion.walk_joints import WalkPostures
     from ..robot.overlaps import WholeBody
-    from ..robot.walk_joints import WalkPostures
 
 
 def nothing(why: str) -> tuple[Rows, dict[str, str]]:
@@ -95,8 +95,8 @@ class WholeBodyMeasurements:
     """
 
     def __init__(self, measured: TrajectoryMeasurements) -> None:
+        from ..motion.walk_joints import walk_postures
         from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
-        from ..robot.walk_joints import walk_postures
 
         self._measured, self.trajectory, self._pin = measured, measured.trajectory, pinocchio()
         self.times_s, self.step_s = measured.times_s, measured.step_s

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stancekit.planners.answer.plan_file import read_plan
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.plan_joints import plan_angles
+from stancekit.planners.formats.plan_file import read_plan
+from stancekit.planners.motion.plan_joints import plan_angles
 from stancekit.planners.robot.urdf import joint_names
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
 

@@ -16,9 +16,9 @@ from typing import NoReturn, Protocol, Self, runtime_checkable
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.legged import legged_model
 
 from ..acceptance import proven

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from stancekit.cli.bench_against import judge
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.walk_table import read_walk, table_of, walk_names
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

@@ -18,7 +18,7 @@ pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("pinocchio")
 
 from stancekit.cli.main import main
-from stancekit.planners.answer.plan_file import read_plan, write_plan
+from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import joint_names

@@ -10,7 +10,7 @@ import yaml
 import stancekit as library
 from stancekit.envs.curriculum import Curriculum
 from stancekit.envs.data.dataset import Dataset
-from stancekit.planners.answer.answer_file import read_envelopes
+from stancekit.planners.formats.answer_file import read_envelopes
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.family_scene import family_keys
 from stancekit.planners.terrain.reference import named_terrain

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from stancekit.planners.answer.answer_file import read_envelopes
+from stancekit.planners.formats.answer_file import read_envelopes
 
 QUICK = {"heuristic": (), "quantile": ("--share", "0.1"), "gmm": ("--steps", "2"), "gmm-printed": ()}
 

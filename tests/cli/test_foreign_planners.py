@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import stancekit as library
-from stancekit.planners.answer.answer_file import answer_from_json
 from stancekit.planners.answer.outcome import Certificate, Posture
+from stancekit.planners.formats.answer_file import answer_from_json
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search import methods
 from stancekit.planners.verify import check_certificate, check_posture

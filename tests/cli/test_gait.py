@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from stancekit.cli import gait as gait_command
-from stancekit.planners.gait.trajectory_file import check_file, read_trajectory
+from stancekit.planners.formats.trajectory_file import check_file, read_trajectory
 from stancekit.views import gaits
 from tests.planners.robot.small_urdfs import quadruped
 

@@ -11,10 +11,10 @@ import pytest
 
 import stancekit as library
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.gait.trajectory_file import read_trajectory, write_trajectory
+from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.trajectory_file import read_trajectory, write_trajectory
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
 from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
 from stancekit.planners.verify.trajectory_limits import WHOLE_BODY

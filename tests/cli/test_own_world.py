@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("pinocchio")
 pytest.importorskip("mcap")
 
-from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan

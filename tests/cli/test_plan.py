@@ -18,9 +18,9 @@ from stancekit.cli.main import run
 from stancekit.cli.plan import PlanCourse
 from stancekit.cli.verify import Verify
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan_file import check_file
 from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import builtin_courses
 from stancekit.views import plans
 from stancekit.views.page import check_page

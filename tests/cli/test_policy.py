@@ -14,8 +14,8 @@ from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
-from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.answer_file import write_boxes
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.runner.control.friction import FrictionInterval

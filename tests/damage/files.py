@@ -23,11 +23,11 @@ from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
-from stancekit.planners.answer.answer_file import write_boxes
-from stancekit.planners.answer.plan_file import write_plan
-from stancekit.planners.answer.proof_file import write_proof
-from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.formats.answer_file import write_boxes
+from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.proof_file import write_proof
+from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.problem.course_layout import build_course

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stancekit.planners.answer.trajectory import STEP_S, Trajectory
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.trajectory import STEP_S, Trajectory
 from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.terrain.heightfield import HeightField
 

@@ -18,8 +18,8 @@ import numpy as np
 import pinocchio
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.problem.course_file import read_course

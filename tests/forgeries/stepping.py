@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.single_body import Foot, GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField

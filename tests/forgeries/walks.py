@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stancekit.planners.answer.trajectory import STEP_S, Trajectory
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.trajectory import STEP_S, Trajectory
 from stancekit.planners.terrain.heightfield import HeightField
 
 from .crawl import balanced

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.problem.course_file import read_course

@@ -14,9 +14,9 @@ pytest.importorskip("mujoco")
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.gait.trajectory_file import write_trajectory
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.robot_model import model_of

@@ -12,9 +12,9 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method.attempt import Attempted
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted, AcceptedGait, proven

@@ -12,8 +12,8 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempted
-from stancekit.planners.gait.trajectory_file import write_trajectory
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo

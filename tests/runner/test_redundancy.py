@@ -14,13 +14,13 @@ from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
+from stancekit.planners.motion.plan_joints import plan_angles
 from stancekit.planners.motion.torques import path_torques
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import distribute_forces
 from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.motion.redundancy import JUMP_RAD, LEFT, TURNED, Continued, RedundancyResolution, _cheapest
 from stancekit.runner.motion.time_parametrization import joint_profile

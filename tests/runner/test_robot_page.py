@@ -17,7 +17,7 @@ pytest.importorskip("websockets")
 pytest.importorskip("mcap")
 pytest.importorskip("dynamixel_sdk")
 
-from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.actuators import ActuatorModel, read_actuators
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner

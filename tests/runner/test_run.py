@@ -16,9 +16,9 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.urdf import joint_names

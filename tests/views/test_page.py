@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.writing import write_text
+from stancekit.planners.formats.plan_file import write_plan
 
 from .answer import Answer
 from .page_parts import BAD, GOOD, named_in, told

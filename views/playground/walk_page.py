@@ -11,7 +11,7 @@ import numpy as np
 
 from stancekit.planners.answer.report import acceptance_word
 from stancekit.planners.errors import InvalidInput, StancekitError
-from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.formats.trajectory_file import write_trajectory
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..plans import GOAL

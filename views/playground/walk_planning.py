@@ -12,11 +12,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps, plan_gait
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.verify.trajectories import GaitReport
 
 ITERATIONS, TOTAL_S = 80, 120.0

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ...answer.trajectory import STEP_S, Trajectory
 from ...files.arrays import Array
 from ...verify.trajectories import GaitReport, check_trajectory
 from ...warp.conformal import flatten
@@ -19,7 +20,6 @@ from ..charts import CHARTS
 from ..formulation import formulate
 from ..gait_program import GaitProgram, GaitSolution
 from ..task import GaitSettings, GaitTask
-from ..trajectory import STEP_S, Trajectory
 
 Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
 """Called at every iteration with the attempt, the iteration over all its solves, the largest violation, the cost and

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ...answer.trajectory import robot_to_json
 from ...files.archive import read_archive
 from ...files.arrays import Array
 from ...files.writing import remove_leftovers, write_bytes
 from ..task import GaitSettings, GaitTask
-from ..trajectory import robot_to_json
 from .attempt import Attempt, Attempted
 
 FAILED = -1

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked
 from ...verify.trajectories import GaitReport, check_trajectory
 from ..forbidden import forbidden
 from ..gait_program import GaitSolution
 from ..task import GaitSettings, GaitTask
-from ..trajectory import Trajectory
 from .attempt import Attempt, Attempted, Progress, Workbench
 from .budget import SolveBudget, SolveRecord
 from .checkpoint import FAILED, Checkpoint

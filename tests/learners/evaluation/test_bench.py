@@ -18,9 +18,9 @@ from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import METHODS
-from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import validated
+from stancekit.planners.formats.answer_file import read_envelopes
 
 PLAN: dict[str, Any] = {
     "problems": ["wall-3"],

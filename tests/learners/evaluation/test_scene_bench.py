@@ -11,8 +11,8 @@ import yaml
 
 from stancekit.learners.evaluation import scene_bench
 from stancekit.learners.evaluation.scene_bench import SceneBenchSettings
-from stancekit.planners.answer.plan_file import read_plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.verify import check_plan
 
 SETTINGS = SceneBenchSettings(scenes=("anymal-complex",), methods=("mip-highs", "two-stage", "decoupled"))

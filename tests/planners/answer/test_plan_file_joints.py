@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.inverse_kinematics import descend

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.planners.answer.plan_file import check_file, write_plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import (
     TEMPORARY,
@@ -22,6 +21,7 @@ from stancekit.planners.files.writing import (
     write_bytes,
     write_text,
 )
+from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.verify import check_plan
 from tests.emulators.faulty_disk import Ended, ended
 

@@ -9,10 +9,10 @@ import pytest
 from stancekit.cli.main import main
 from stancekit.envs.warped_gait import WarpedGaitEnv
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.trajectory_file import check_file
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.gait.trajectory_file import check_file
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import TERRAINS, named_terrain

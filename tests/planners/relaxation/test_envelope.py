@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.answer_file import read_envelopes, write_boxes
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.answer_file import read_envelopes, write_boxes
 from stancekit.planners.relaxation.envelope import TILT_ROOM_RAD, Envelope, EnvelopeSet
 
 SEEDS = st.integers(0, 2**32 - 1)

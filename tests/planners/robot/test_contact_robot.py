@@ -8,10 +8,10 @@ import pytest
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.plan_joints import plan_angles
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
-from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.workspace_cache import workspaces_of

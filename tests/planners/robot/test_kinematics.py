@@ -17,8 +17,8 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, link_lengths, ou
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 pytest.importorskip("pinocchio")
+from stancekit.planners.motion.plan_joints import plan_angles
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.verify.joints import joint_report
 
 ROBOT = hexapod()

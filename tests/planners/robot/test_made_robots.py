@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan_file import check_file, write_plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.hulls import hull_corners
 from stancekit.planners.robot.legged import robot_of

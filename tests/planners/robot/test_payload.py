@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan_file import check_file, write_plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.model_json import ModelJson, model_from_json, model_to_json
 from stancekit.planners.robot.payload import with_mass

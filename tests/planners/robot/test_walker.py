@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.trajectory import robot_from_json, robot_to_json
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory import robot_from_json, robot_to_json
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.model import hexapod
 from stancekit.planners.robot.polytope import Polytope

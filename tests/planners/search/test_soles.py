@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.answer_file import answer_from_json
 from stancekit.planners.answer.outcome import Certificate, Posture, Status
-from stancekit.planners.answer.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.answer_file import answer_from_json
+from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.problem.course import Course, Foothold
 from stancekit.planners.problem.course_file import read_course

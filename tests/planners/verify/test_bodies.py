@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_file import check_file, write_plan
+from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.verify import check_certificate, check_plan, check_posture
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_limits import WHOLE_BODY

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.outcome import Certificate
-from stancekit.planners.answer.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.problem.course import Course, Foothold
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.search.exact import ExactPlanner

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.robot.single_body import Foot, GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories
@@ -602,7 +602,7 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
     allowed = {
         "errors.py", "files/arrays.py", "files/archive.py", "files/comparison.py",
         "files/documents.py", "files/validation.py",
-        "gait/trajectory.py", "robot/model.py", "robot/model_json.py", "robot/reach.py", "robot/single_body.py",
+        "answer/trajectory.py", "robot/model.py", "robot/model_json.py", "robot/reach.py", "robot/single_body.py",
         "robot/urdf_reader.py", "terrain/bspline.py", "terrain/heightfield.py", "terrain/patch.py",
         "terrain/polygon.py", "terrain/sole.py", "verify/trajectories.py", "verify/trajectory_defects.py",
         "verify/trajectory_limits.py", "verify/trajectory_measurements.py", "verify/trajectory_momentum.py",
@@ -629,4 +629,4 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
                 else:
                     todo += [f"{folder.relative_to(planners).as_posix()}/{one.name}.py" for one in node.names]
     assert seen <= allowed, sorted(seen - allowed)
-    assert {"gait/trajectory.py", "terrain/heightfield.py"} <= seen
+    assert {"answer/trajectory.py", "terrain/heightfield.py"} <= seen

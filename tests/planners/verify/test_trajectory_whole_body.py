@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import robot_of
 from stancekit.planners.robot.robot_model import RobotModel

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import stancekit
+from stancekit.planners.answer.trajectory import robot_from_json, robot_to_json
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory import robot_from_json, robot_to_json
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.planners.verify.test_trajectories import standing

@@ -8,8 +8,8 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan_file import check_file
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.views.playground.keys_scenario import KeysScenario

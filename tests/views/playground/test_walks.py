@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory_file import read_trajectory
+from stancekit.planners.formats.trajectory_file import read_trajectory
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.views.playground.serving import served_walk

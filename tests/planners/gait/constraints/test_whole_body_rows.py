@@ -9,13 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.gait.constraints.bodies import Overlaps, apart
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.method.densification import Checks, DenseProgram, densified
 from stancekit.planners.gait.method.leg_loads import leg_loads
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.variables.samples import sampled
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import Limits, check_trajectory

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..answer.trajectory import Trajectory
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..gait.trajectory import Trajectory
-from .inverse_kinematics import LegPostures
-from .kinematics import Kinematics
-from .legged import robot_of
-from .robot_model import RobotModel
-from .toes import ToeKinematics
+from ..robot.inverse_kinematics import LegPostures
+from ..robot.kinematics import Kinematics
+from ..robot.legged import robot_of
+from ..robot.robot_model import RobotModel
+from ..robot.toes import ToeKinematics
 
 ROUNDS = 6
 """The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth of it."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..answer.outcome import Certificate, Outcome, Posture
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
 from ..files.documents import parse_json, read_json
@@ -16,7 +17,6 @@ from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.modes import FORMAT as MODES
 from ..relaxation.modes import Modes
 from ..robot import Robot
-from .outcome import Certificate, Outcome, Posture
 
 Read = TypeVar("Read")
 MOST_RECORDS = 500_000

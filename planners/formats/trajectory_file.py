@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from ..answer.trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
 from ..errors import InvalidInput
 from ..files.archive import read_archive, unpacked
 from ..files.arrays import read_only
@@ -28,7 +29,6 @@ from ..files.writing import check_writable, write_text
 from ..robot.model_json import robot_numbers
 from ..terrain.heightfield import HeightField
 from ..verify.trajectories import GaitReport, check_trajectory
-from .trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
 
 if TYPE_CHECKING:
     from ..robot.single_body import GaitRobot

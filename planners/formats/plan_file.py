@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..answer.plan import Plan
 from ..answer.report import OPTIONAL, WHOLE_BODY, plan_arrays, plan_digest, plan_shapes
 from ..errors import InvalidInput
 from ..files.archive import unpacked
@@ -30,7 +31,6 @@ from ..problem.course_comparison import course_difference
 from ..problem.course_json import course_from_json, course_to_json
 from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
-from .plan import Plan
 
 if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel

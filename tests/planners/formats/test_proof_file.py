@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.search.friction_margin import slippery

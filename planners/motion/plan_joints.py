@@ -9,8 +9,8 @@ import numpy as np
 from ..answer.plan import Plan
 from ..errors import check_time
 from ..files.arrays import Array
+from ..robot.kinematics import JointAnswer, Kinematics
 from ..terrain.prism import Solid
-from .kinematics import JointAnswer, Kinematics
 
 JUMP_RAD = 0.5
 """A limb that stands, and one of whose joints would turn so far between two key frames, jumps to another posture."""

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
-from stancekit.planners.gait.trajectory_file import check_file, is_trajectory, read_trajectory, write_trajectory
+from stancekit.planners.formats.trajectory_file import check_file, is_trajectory, read_trajectory, write_trajectory
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory

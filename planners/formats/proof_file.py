@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..answer.outcome import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
 from ..files.documents import read_json
@@ -20,7 +21,6 @@ from ..problem.course import Course
 from ..problem.course_json import course_from_json, course_to_json
 from ..problem.posture import FORMAT as POSTURE
 from ..verify import CertificateReport, check_certificate, explain
-from .outcome import Certificate
 
 FORMAT = "stancekit/proof/1"
 OLD = "stancekit/no-plan/1"

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan_file import check_file, is_plan_file, read_plan, write_plan
 from stancekit.planners.answer.report import plan_arrays, plan_digest
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file, is_plan_file, read_plan, write_plan
 from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.verify import check_plan
 

@@ -11,7 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.answer_file import (
+from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import parse_json, read_text
+from stancekit.planners.files.writing import write_bytes, write_text
+from stancekit.planners.formats.answer_file import (
     UNBOUNDED,
     answer_from_json,
     json_records,
@@ -19,10 +23,6 @@ from stancekit.planners.answer.answer_file import (
     read_envelopes,
     read_problems,
 )
-from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
-from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import parse_json, read_text
-from stancekit.planners.files.writing import write_bytes, write_text
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.posture import TwoStagePlanner

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.motion.walk_joints import walk_joints
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.single_body import Foot, GaitRobot
-from stancekit.planners.robot.walk_joints import walk_joints
 from stancekit.planners.terrain.heightfield import HeightField
 
 from .small_urdfs import quadruped
