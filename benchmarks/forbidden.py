@@ -23,7 +23,7 @@ from scipy.optimize import linprog
 
 from stancekit.planners.gait.forbidden import forbidden
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.robot.model import GRAVITY_M_S2
+from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain

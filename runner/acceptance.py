@@ -18,10 +18,10 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.formats.trajectory_file import copied, read_trajectory
+from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.legged import walking_robot
-from stancekit.planners.robot.model import GRAVITY_M_S2
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.joints import joint_report

@@ -33,7 +33,7 @@ from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.verify import check_certificate, check_posture
 
 from .executor import Executor, processes
-from .shards import BLOCK, LEAST, Block, KeptPrograms, ShardDraft, planned, samples
+from .shards import BLOCK, LEAST, KeptPrograms, LabelBlock, ShardDraft, planned, samples
 
 if TYPE_CHECKING:  # torch
     from ..proposers.proposer import Proposers
@@ -148,7 +148,7 @@ class _Drafts:
         self._unopened = iter([ShardDraft(header, shard, draws_per_row, came, kept) for shard in missing])
         self._left, self._open = len(missing), list[ShardDraft]()
 
-    def tasks(self) -> Iterator[Callable[[], Block] | None]:
+    def tasks(self) -> Iterator[Callable[[], LabelBlock] | None]:
         """Blocks to decide, of the first shards first; None where there are none until another block is decided."""
         while self._left or self._open:
             if self._left and not any(draft.lacking for draft in self._open):
@@ -163,7 +163,7 @@ class _Drafts:
             share = max(math.ceil(expected / max(self._executor.workers, 1)), LEAST)
             yield self._open[k].block(self._source, min(lacking[k], share, BLOCK), self._proposers)
 
-    def take(self, block: Block) -> Shard | None:
+    def take(self, block: LabelBlock) -> Shard | None:
         """The shard that this block completes. Raises LabellingFailed."""
         draft = next((draft for draft in self._open if draft.shard == block.shard), None)
         shard = None if draft is None else draft.take(block)

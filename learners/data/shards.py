@@ -76,7 +76,7 @@ Place = tuple[int, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Block:
+class LabelBlock:
     """Neighbouring samples of a shard, decided. kinds: each one's label, "trivial" set apart. rows: those that may be
     kept, as a shard's table, with ``row`` 0. after: the place in the stream behind the block. solve_ms: by sample.
     """
@@ -93,7 +93,7 @@ class Block:
 def decide_block(
     plan: LabelPlan, source: Distribution, shard: int, start: Place | None, first: int, count: int,
     kinds: frozenset[str], kept: KeptPrograms, proposers: Proposer | None = None,
-) -> Block:  # fmt: skip
+) -> LabelBlock:  # fmt: skip
     """Decide ``count`` samples of a shard from number ``first`` on, and make rows of these kinds.
 
     start: a known place in the stream at or before the first sample; None for its beginning. kept: programs that
@@ -111,7 +111,7 @@ def decide_block(
     after = (first + count, rng.bit_generator.state)
     labeller = _Labeller(plan, shard, first, kinds, kept.programs, proposers)
     rows, decided, solve_ms = labeller.rows(batch)
-    return Block(
+    return LabelBlock(
         shard=shard, first=first, kinds=decided, rows=table_of(rows, len(batch.like.contacts)), after=after,
         solve_ms=solve_ms, cpu_s=time.process_time() - begin,
     )  # fmt: skip
@@ -198,7 +198,7 @@ class ShardDraft:
         self._wanted = self._room.total()
         self._limit = draws_per_row * self._wanted
         self._asked, self._places = 0, list[Place]()
-        self._waiting = dict[int, Block]()
+        self._waiting = dict[int, LabelBlock]()
         self._drawn, self._kept = list[str](), Counter[str]()
         self._rows: list[pa.Table] = []
         self._solve_ms, self._cpu_s = list[float](), 0.0
@@ -220,7 +220,7 @@ class ShardDraft:
             expected = max(-(-count * drawn // (self._came[kind] + 1)) for kind, count in self._room.items())
         return max(min(expected - (self._asked - len(self._drawn)), self._most - self._asked), 0)
 
-    def block(self, source: Distribution, count: int, proposers: Proposer | None) -> Callable[[], Block]:
+    def block(self, source: Distribution, count: int, proposers: Proposer | None) -> Callable[[], LabelBlock]:
         """The task that decides the next ``count`` samples."""
         first, self._asked = self._asked, self._asked + count
         start = max((place for place in self._places if place[0] <= first), key=lambda place: place[0], default=None)
@@ -228,7 +228,7 @@ class ShardDraft:
         place = (self._plan, source, self.shard, start, first, count)
         return partial(decide_block, *place, kinds, self._programs, proposers)
 
-    def take(self, block: Block) -> Shard | None:
+    def take(self, block: LabelBlock) -> Shard | None:
         """Keep what is wanted of a block, once all before it are there; the shard, where it has become whole.
 
         Raises LabellingFailed where too many samples were drawn.
@@ -242,7 +242,7 @@ class ShardDraft:
             self._keep(self._waiting.pop(len(self._drawn)))
         return None if self.missing else self._whole()
 
-    def _keep(self, block: Block) -> None:
+    def _keep(self, block: LabelBlock) -> None:
         """What is wanted of the next block, in its order; what comes after the last row was not drawn."""
         begin, chosen = len(self._drawn), list[int]()
         rows = zip(*(block.rows.column(name).to_pylist() for name in ("sample", "trivial", "label")), strict=True)

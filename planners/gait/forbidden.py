@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..files.arrays import Array
-from ..robot.model import GRAVITY_M_S2
+from ..physics import GRAVITY_M_S2
 from ..terrain.heightfield import HeightField
 from .task import GaitSettings, GaitTask
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, collect_errors, read_only
-from ..robot.model import GRAVITY_M_S2, Limb, Robot
+from ..physics import GRAVITY_M_S2
+from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.sole import sole_offsets, sole_region
 from .foothold import Foothold as Foothold

@@ -12,7 +12,8 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_members, checked_name, collect_errors, read_only
 from ..files.validation import validated
-from ..robot.model import GRAVITY_M_S2, Robot, hexapod
+from ..physics import GRAVITY_M_S2
+from ..robot.model import Robot, hexapod
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from ..terrain.sole import checked_sole, sole_offsets, sole_region

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array
+from ..physics import GRAVITY_M_S2
 from ..problem.posture import MAX_TILT_RAD, THREE_LEGS
 from ..robot import Robot, hexapod
-from ..robot.model import GRAVITY_M_S2
 from .envelope import Envelope, EnvelopeSet
 
 CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))

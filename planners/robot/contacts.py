@@ -43,7 +43,7 @@ SAME_M = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Placed:
+class PlacedShape:
     """A shape of a leg's last body, number ``index`` of the robot's, and its rotation and origin in the last joint's
     frame, shapes (3, 3), (3,) [m]. balls: centre, shape (3,), and radius [m] of every ball that it is, or ends in."""
 
@@ -72,14 +72,14 @@ Fits = dict[bytes, tuple[Array, float] | None]
 
 def placed_shapes(
     shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]], fits: Fits
-) -> list[Placed]:
+) -> list[PlacedShape]:
     """The shapes of the links of one body.
 
     places: rotation and origin of every link of the body in the last joint's frame, by name.
     """
     bodies = {id(shape) for shape in solid_shapes(shapes)}
     return [
-        Placed(
+        PlacedShape(
             index=i,
             shape=shape,
             rotation=turn @ shape.rotation,
@@ -92,7 +92,7 @@ def placed_shapes(
     ]
 
 
-def touch_of(pieces: Sequence[Placed]) -> Touch | None:
+def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
     """What a leg whose last body has these shapes touches with; None for a body without shapes."""
     balls, others = list[tuple[float, Touch]](), list[tuple[float, Touch]]()
     unread = [
@@ -125,7 +125,7 @@ def touch_of(pieces: Sequence[Placed]) -> Touch | None:
     return None
 
 
-def _farthest(piece: Placed) -> Array:
+def _farthest(piece: PlacedShape) -> Array:
     """The end of a shape that is farthest from the link's origin, about, in the last joint's frame, shape (3,) [m]."""
     turn = piece.rotation @ piece.shape.rotation.T
     return np.asarray(piece.origin_m + turn @ (piece.shape.far_m - piece.shape.origin_m))

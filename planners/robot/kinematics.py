@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..files.arrays import Array, read_only
+from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .joint_answer import JointAnswer
 from .leg_ik import limb_postures
 from .legged import foot_radii, legged_model, rotor_kg_m2
-from .model import GRAVITY_M_S2, Robot
+from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo
 from .urdf_reader import at_rest, built, pinocchio

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..physics import GRAVITY_M_S2
 from .leg_ik import limb_posture
-from .model import GRAVITY_M_S2, Limb, Robot, hexapod
+from .model import Limb, Robot, hexapod
 from .robot_model import RobotModel, model_of
 from .urdf import FOOT_RADIUS_M, JOINTS, LINKS, Servo, hexapod_urdf
 

@@ -17,8 +17,6 @@ from .reach import ReachRows, RelativeReach
 if TYPE_CHECKING:
     from .robot_model import RobotModel
 
-GRAVITY_M_S2 = 9.81
-"""Acceleration of free fall on Earth, wherever nothing else is said [m/s²]."""
 SAME = 1e-9
 """A mass and that of the model may differ by so much of it."""
 

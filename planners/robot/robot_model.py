@@ -18,11 +18,11 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown
+from ..physics import GRAVITY_M_S2
 from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls
 from .leg import FootContact, Leg, Mount
 from .leg_search import legs_of
-from .model import GRAVITY_M_S2
 from .plausibility import body_doubts, foot_doubts, leg_doubts, wrong_links
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing

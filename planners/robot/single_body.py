@@ -13,7 +13,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, collect_errors, read_only
 from ..files.documents import read_yaml
 from ..files.validation import validation_errors
-from .model import GRAVITY_M_S2, hexapod
+from ..physics import GRAVITY_M_S2
+from .model import hexapod
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..answer.report import acceptance_word
 from ..answer.trajectory import Trajectory
-from ..robot.model import GRAVITY_M_S2
+from ..physics import GRAVITY_M_S2
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS
 from .trajectory_limits import Limits as Limits

@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter
 
 from ..answer.trajectory import Trajectory
 from ..files.arrays import Array
-from ..robot.model import GRAVITY_M_S2
+from ..physics import GRAVITY_M_S2
 from .trajectory_series import Series
 
 Flags = NDArray[np.bool_]

@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Protocol, get_args
 
+from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.plugins import Registry
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.model import GRAVITY_M_S2
 from stancekit.planners.robot.urdf import Servo
 
 from .drives import Imperfections

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.model import GRAVITY_M_S2
 from stancekit.planners.robot.urdf import Servo
 
 from .drives import Imperfections

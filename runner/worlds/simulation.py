@@ -11,10 +11,10 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.legged import legged_model
-from stancekit.planners.robot.model import GRAVITY_M_S2
 from stancekit.planners.robot.urdf import Servo
 
 from .capabilities import WorldCapabilities

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ...files.arrays import Array
-from ...robot.model import GRAVITY_M_S2
+from ...physics import GRAVITY_M_S2
 from ...robot.single_body import GaitRobot
 from ..charts.chart import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows, Selection, VariableGroup

@@ -12,7 +12,7 @@ from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.single_body import Foot, GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 
-from .small_urdfs import quadruped
+from ..robot.small_urdfs import quadruped
 
 pin = pytest.importorskip("pinocchio")
 SLOPE = 0.2

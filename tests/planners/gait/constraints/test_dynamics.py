@@ -12,7 +12,7 @@ from stancekit.planners.gait.charts.ambient import Ambient
 from stancekit.planners.gait.charts.rotations import euler, shear_rotation
 from stancekit.planners.gait.constraints.dynamics import centred, newton_euler, printed, wrench
 from stancekit.planners.gait.method.guess import euler_angles
-from stancekit.planners.robot.model import GRAVITY_M_S2
+from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 

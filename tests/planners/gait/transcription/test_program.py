@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.gait.formulation import GaitProgram
 from stancekit.planners.gait.variables.samples import sampled
-from stancekit.planners.robot.model import GRAVITY_M_S2
+from stancekit.planners.physics import GRAVITY_M_S2
 
 Build = Callable[..., GaitProgram]
 CASES = [
