@@ -34,7 +34,7 @@ class _Keys(BaseModel):
 
 
 class FootContactJson(_Keys):
-    """A ``FootContact``."""
+    """A foot's contact as a person describes it."""
 
     point_m: Annotated[list[Number], Field(min_length=3, max_length=3)]
     radius_m: Annotated[float, Field(ge=0.0, le=1e3)]

@@ -327,7 +327,7 @@ def test_names_that_cannot_be_written_are_refused(tmp_path, monkeypatch, name, m
 
 
 def test_a_file_of_the_format_before_is_read_as_ever():
-    path = Path(__file__).parent / "older" / "gait-2.json"
+    path = Path(__file__).parents[1] / "formats" / "older" / "gait-2.json"
     assert json.loads(path.read_text())["format"] == "stancekit/gait/2"
     record = read_trajectory(path)
     assert record.verified
