@@ -81,13 +81,13 @@ def test_a_goal_whose_host_is_killed_or_stands_still_is_cancelled(ros: Literal[1
 
 def test_it_cancels_nothing_while_the_host_beats_or_rests_or_takes_its_leave() -> None:
     with RosBridge(JOINTS, START) as bridge:
-        with HeartbeatMonitor(0.3, same_names(JOINTS, port=bridge.port)) as monitor:
+        with HeartbeatMonitor(1.0, same_names(JOINTS, port=bridge.port)) as monitor:
             watchdog = Watchdog(StopLatch(), float("inf"), monitor=monitor)
             for _ in range(40):
                 watchdog.kick()
                 time.sleep(0.01)
             watchdog.rest()
-            time.sleep(0.5)
+            time.sleep(1.2)
             assert monitor.gone() is None
         assert commands(bridge) == []
         assert monitor.gone() is None

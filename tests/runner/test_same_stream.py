@@ -23,6 +23,7 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.command import command
 from stancekit.runner.emulators.servo_bus import ServoBus
 from stancekit.runner.run import Runner
+from stancekit.runner.safety.guard import Limits
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.drives import Drives
@@ -86,7 +87,9 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
             joints={name: replace(each, current_a=5.5) for name, each in calibration.joints.items()},
         )  # fmt: skip
         real = Sent(bus, 28.4)
-        done = Runner(DynamixelWorld(robot, calibration, rate_hz=RATE_HZ), dry=False, log=real).run(accepted)
+        patient = RunSettings(limits=Limits(silent_s=5.0))  # as above
+        body = DynamixelWorld(robot, calibration, rate_hz=RATE_HZ)
+        done = Runner(body, settings=patient, dry=False, log=real).run(accepted)
         turning = Turning(calibration.ordered(world.joints))
     assert done.succeeded, done.message
     count = len(simulated.asked)
