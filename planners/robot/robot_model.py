@@ -19,7 +19,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown
 from .contacts import Contact, check_contacts, with_balls
-from .hulls import with_hulls, with_known_hulls
+from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .leg import Leg
 from .leg_search import legs_of
 from .plausibility import body_doubts, foot_doubts, leg_doubts, wrong_links
@@ -226,9 +226,8 @@ def model_of(
         standing_in = _mounts(model, found.legs, at_rest(model))
         rounded, balls = with_balls(root, found.legs, shapes, standing_in, found.indices)
         if balls:
-            text, read = rounded, {_of_mesh(shape): shape.corners_m for shape in shapes}
-            again = shapes_of(parsed(text, where), folder, packages)[0]
-            shapes = tuple(replace(shape, corners_m=read.get(_of_mesh(shape))) for shape in again)
+            text, again = rounded, shapes_of(parsed(rounded, where), folder, packages)[0]
+            shapes = with_same_hulls(again, shapes)
             guesses.insert(0, f"balls for {', '.join(balls)}")
         _check_mimics(root, found.legs)
         semantics = parsed(srdf, "srdf") if srdf else None
@@ -248,11 +247,6 @@ def model_of(
         remarks=(*(Remark(kind="guess", text=each) for each in (*guesses, *more)),
                  *(Remark(kind="doubt", text=each) for each in (*found.gaps, *_joined(doubts)))),
     )  # fmt: skip
-
-
-def _of_mesh(shape: Shape) -> tuple[str, str, bytes]:
-    """A key of a mesh's hull: its link, its file, and how it is scaled and placed."""
-    return shape.link, str(shape.mesh), shape.size_m.tobytes() + shape.origin_m.tobytes() + shape.rotation.tobytes()
 
 
 def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:

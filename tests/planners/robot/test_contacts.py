@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.robot.contacts import fitted_ball
+from stancekit.planners.robot.contacts import Contact, fitted_ball
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -71,3 +71,16 @@ def test_what_a_ball_may_lack() -> None:
     can = np.array([[np.cos(t), np.sin(t), z] for t in turns for z in (-1.0, 1.0)])
     assert fitted_ball(can) is None
     assert fitted_ball(points[:3]) is None
+
+
+def test_bodies_keep_their_hulls_beside_feet_that_become_balls(tmp_path: Path) -> None:
+    box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.01
+    (tmp_path / "bone.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in box) + "f 1 2 4 3\nf 5 6 8 7\n")
+    text = quadruped(bone='<mesh filename="bone.obj"/>').replace('<sphere radius="0.02"/>', '<box size=".02 .02 .02"/>')
+    bone = '<geometry><mesh filename="bone.obj"/></geometry>'  # as body, and as what is seen
+    text = text.replace(f"<collision>{bone}</collision>", f"<collision>{bone}</collision><visual>{bone}</visual>")
+    model = model_of(text, folder=tmp_path, contacts={"*_FOOT": Contact(point_m=np.zeros(3), radius_m=0.01)})
+    meshes = [shape for shape in model.shapes if shape.kind == "mesh"]
+    assert any(remark.text.startswith("balls for") for remark in model.remarks)
+    assert len(meshes) == 24
+    assert [shape.corners_m is not None for shape in meshes] == [shape.collides for shape in meshes]

@@ -235,6 +235,10 @@ def snake(last: int) -> str:
 
 
 FIXED = robot([link("a"), link("b"), fixed("f", "base", "a"), fixed("g", "a", "b")])
+MAST = robot([
+    link("low"), link("high"), link("top"), joint("turn", "base", "low", "0 0 .1", "0 0 1"),
+    joint("bend", "low", "high", "0 0 .3"), fixed("f", "high", "top", "0 0 .3"),
+])  # fmt: skip
 MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multiplier="-2"/><limit lower="-2.4"', 1)
 
 
@@ -243,6 +247,7 @@ MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multip
     [
         (quadruped(mass=0.0), {}, "expected links with mass and inertia, got 0 kg in all"),
         (FIXED, {}, "legs: expected chains of two joints or more under the base, found none"),
+        (MAST, {}, "legs: expected chains of joints that reach below the base, found none"),
         (FIXED, {"feet": ["b"]}, "feet: expected joints between the base and 'b', all of them are fixed"),
         (MIMIC, {}, "joint 'LF_KFE': expected a joint of its own, it mimics LF_HFE"),
         (TWO_FEET, {}, "legs: expected one foot a leg, joint 'waist_yaw' carries lc and rc"),
