@@ -22,7 +22,7 @@ from .contacts import Contact, check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .leg import Leg
 from .leg_search import legs_of
-from .plausibility import body_doubts, foot_doubts, leg_doubts, wrong_links
+from .plausibility import body_doubts, foot_doubts, leg_doubts, rest_gaps, wrong_links
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
 from .urdf_reader import (
@@ -231,6 +231,7 @@ def model_of(
             guesses.insert(0, f"balls for {', '.join(balls)}")
         _check_mimics(root, found.legs)
         semantics = parsed(srdf, "srdf") if srdf else None
+        gaps = (*found.gaps, *rest_gaps(root, found.legs))
         legs, more = _stand(found.legs, posture_rad, semantics)
         body, rest = _weighed(model, legs, root)
         called = checked_name(name or model.name, "name")
@@ -242,10 +243,10 @@ def model_of(
     mounts = _mounts(model, legs, rest)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
     return RobotModel(
-        name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=mounts, gaps=found.gaps,
+        name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=mounts, gaps=gaps,
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
         remarks=(*(Remark(kind="guess", text=each) for each in (*guesses, *more)),
-                 *(Remark(kind="doubt", text=each) for each in (*found.gaps, *_joined(doubts)))),
+                 *(Remark(kind="doubt", text=each) for each in (*gaps, *_joined(doubts)))),
     )  # fmt: skip
 
 
