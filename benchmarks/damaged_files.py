@@ -1,14 +1,15 @@
 """Damaged files: every reader of the command under thousands of mutated files, in process and as processes.
 
-``python benchmarks/damaged_files.py --in-process 1500 --processes 80 --out out/damage``. A file is right to be taken as
-``tests/damage/cases.py`` says: 0 where it still means the same or is valid, 1 where its content parses and the verifier
-refuses it, 2 for everything else; one line, no traceback, no more than 10 s of a processor and 1 GB.
+``python benchmarks/damaged_files.py --in-process 1500 --meshes 250 --others 12000 --out out/damage``. A file is right
+to be taken as ``tests/damage/cases.py`` says: 0 where it still means the same or is valid, 1 where its content parses
+and the verifier refuses it, 2 for everything else; one line, no traceback, no more than 10 s of a processor and 1 GB.
 What was wrong is kept. A row of a reader that is in the folder already is not measured again, so that a run that was
 ended goes on where it was.
 """
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import resource
@@ -73,14 +74,13 @@ def in_process(case: Case, count: int, seed: int, out: Path) -> None:
 
 
 def process(case: Case, where: Path) -> tuple[int, str, float, float]:
-    """The command as a process with limits of its own: exit code, standard error, CPU seconds, megabytes grown."""
-    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    """The command as a process with limits of its own: exit code, standard error, CPU seconds, megabytes at most."""
+    held = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     child = os.fork()
     if child == 0:
         for number, name in ((1, "out"), (2, "err")):
             os.dup2(os.open(where / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
         sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)
-        held = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
         resource.setrlimit(resource.RLIMIT_AS, (held + MOST_BYTES, held + MOST_BYTES))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         spent_s = int(time.process_time())
@@ -101,28 +101,49 @@ def process(case: Case, where: Path) -> tuple[int, str, float, float]:
         os._exit(int(code))
     _, status, used = os.wait4(child, 0)
     err = (where / "err").read_text(errors="replace")
-    return os.waitstatus_to_exitcode(status), err, used.ru_utime + used.ru_stime, (used.ru_maxrss - before_kb) / 1e3
+    return os.waitstatus_to_exitcode(status), err, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3
 
 
-def as_processes(every: list[Case], count: int, seed: int, out: Path) -> dict[str, Any]:
-    """The same with a process a file, forked from one that has imported everything."""
-    rng, wrong, codes, slowest, grown = np.random.default_rng(seed), list[str](), Counter[int](), 0.0, 0.0
+def as_processes(case: Case, count: int, seed: int, out: Path) -> dict[str, Any]:
+    """The same with a process per file, forked from this one, which has imported what the command needs."""
+    row = out / f"process-{case.name.replace(' ', '-')}.json"
+    if row.exists():
+        kept: dict[str, Any] = json.loads(row.read_text())
+        return kept
+    rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
+    wrong, codes, seconds, slowest, most = list[str](), Counter[int](), 0.0, 0.0, 0.0
+    whole = Path(case.file).read_bytes()
+    command(case.arguments)
+    gc.freeze()
+    for index in range(count):
+        content, right = case.damaged(whole, rng)
+        Path(case.file).write_bytes(content)
+        code, err, spent, megabytes = process(case, out)
+        message = fault(case, code, err, right)
+        if spent > LONGEST_S or megabytes > MOST_BYTES / 1e6:
+            message += f" {spent:.1f} s of a processor, {megabytes:.0f} MB"
+        codes[code] += 1
+        seconds, slowest, most = seconds + spent, max(slowest, spent), max(most, megabytes)
+        if message:
+            wrong.append(message)
+            (out / f"process-{case.name.replace(' ', '-')}-{index}").write_bytes(content)
+    Path(case.file).write_bytes(whole)
+    found = {"reader": case.name, "processes": count, "codes": codes, "wrong": len(wrong), "first": wrong[:5],
+             "cpu_s": round(seconds, 1), "slowest_s": round(slowest, 2), "most_mb": round(most)}  # fmt: skip
+    row.write_text(json.dumps(found))
+    return found
+
+
+def shares(every: list[Case], meshes: int, others: int) -> list[tuple[Case, int]]:
+    """How many files each reader gets: every format of meshes as many, and every other reader as many."""
+    kinds = Counter(case.mesh for case in every)
+    most = {kind: divmod(meshes if kind else others, number) for kind, number in kinds.items()}
+    found, seen = [], Counter[str]()
     for case in every:
-        whole = Path(case.file).read_bytes()
-        command(case.arguments)
-        for index in range(count):
-            content, right = case.damaged(whole, rng)
-            Path(case.file).write_bytes(content)
-            code, err, seconds, megabytes = process(case, out)
-            message = fault(case, code, err, right)
-            codes[code] += 1
-            slowest, grown = max(slowest, seconds), max(grown, megabytes)
-            if message:
-                wrong.append(f"{case.name}: {message}")
-                (out / f"process-{case.name.replace(' ', '-')}-{index}").write_bytes(content)
-        Path(case.file).write_bytes(whole)
-    return {"processes": sum(codes.values()), "codes": codes, "wrong": len(wrong), "first": wrong[:20],
-            "slowest_s": round(slowest, 2), "grown_mb": round(grown)}  # fmt: skip
+        each, left = most[case.mesh]
+        found.append((case, each + (seen[case.mesh] < left)))
+        seen[case.mesh] += 1
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +151,10 @@ class Arguments(Options):
     """How many files, of which readers."""
 
     in_process: int = 1500
-    processes: int = 80
+    meshes: int = 250
+    """Processes for each of the eight formats of meshes, shared by the readers of the format."""
+    others: int = 3600
+    """Processes for all the other readers together."""
     only: tuple[str, ...] = ()
     out: Path = Path("out/damage")
 
@@ -158,8 +182,13 @@ def table(given: Arguments) -> None:
                 given.say({"reader": case.name, "wrong": 1, "first": [f"ended by {os.waitstatus_to_exitcode(status)}"]})
                 continue
         given.say(json.loads(row.read_text()))
-    if given.processes:
-        given.say(as_processes(every, given.processes, given.seed + 1, out))
+    total = Counter[str]()
+    for case, count in sorted(shares(every, given.meshes, given.others), key=lambda share: not share[0].mesh):
+        if count:
+            found = as_processes(case, count, given.seed + 1, out)
+            given.say(found)
+            total.update({"meshes" if case.mesh else "others": count, "wrong": found["wrong"]})
+    given.say({"processes": dict(total)})
 
 
 if __name__ == "__main__":

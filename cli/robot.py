@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
@@ -12,7 +12,9 @@ from .console import emit, out
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
-    from stancekit.planners.robot.robot_model import RobotModel
+    from pathlib import Path
+
+    from stancekit.planners.robot.robot_model import Remark, RobotModel
     from stancekit.planners.robot.workspace import Workspace
 
 
@@ -59,10 +61,7 @@ class Robot:
         except InvalidInput as error:  # a robot whose feet stay on a surface is a robot still
             workspaces, trouble = [None] * len(model.legs), str(error)
         if self.picture is not None:
-            from stancekit.views.robot_picture import draw_robot
-            from stancekit.views.sheet import save
-
-            save(draw_robot(model, [each for each in workspaces if each is not None]), self.picture)
+            model = replace(model, remarks=(*model.remarks, *_drawn(model, workspaces, self.picture)))
         if self.json:
             emit(_record(model, workspaces, trouble))
             return 0
@@ -99,6 +98,18 @@ class Robot:
             table.add_row(name, source, "" if there else f"pip install 'stancekit[{PROVIDERS[source][1]}]'")
         out.print(table)
         return 0
+
+
+def _drawn(model: RobotModel, workspaces: list[Workspace | None], picture: Path) -> list[Remark]:
+    """Draw the robot; doubts on meshes that should be in the picture and cannot be."""
+    from stancekit.planners.robot.meshes import unseen
+    from stancekit.planners.robot.robot_model import Remark
+    from stancekit.views.links import TRIANGLES
+    from stancekit.views.robot_picture import draw_robot
+    from stancekit.views.sheet import save
+
+    save(draw_robot(model, [each for each in workspaces if each is not None]), picture)
+    return [Remark(kind="doubt", text=text) for text in unseen(model.shapes, TRIANGLES)]
 
 
 def _head(model: RobotModel) -> Table:

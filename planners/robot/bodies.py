@@ -50,7 +50,8 @@ class Bodies:
 
     drawn_so: pairs of links that are inside each other in the standing posture and in every other one that was tried,
     256 all over the joints' limits: their file has them so, and they are left out, as neighbours and pairs that an SRDF
-    disables are. missing: what has no shape, a line each. Raises InvalidInput where coal is not installed.
+    disables are. missing: what has no shape, and links that may be elsewhere, a
+    line each. Raises InvalidInput where coal is not installed.
     """
 
     def __init__(self, kinematics: Kinematics, terrain: Obstacles = Obstacles(convex=(), closed=())) -> None:
@@ -58,7 +59,8 @@ class Bodies:
         self.model = kinematics.model
         known = kinematics.known
         self._data, self._terrain = known.createData(), terrain
-        shapes, self.missing = _link_shapes(kinematics.model)
+        shapes, missing = _link_shapes(kinematics.model)
+        self.missing = (*missing, *self.model.gaps)
         self.links = [shape.link for shape, _ in shapes]
         frames = [known.getFrameId(link, self._pin.FrameType.BODY) for link in self.links]
         self._frames, joints = frames, [known.frames[frame].parentJoint for frame in frames]

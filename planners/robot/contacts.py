@@ -8,7 +8,8 @@ what is meant to touch: plans wait for ``contacts`` of the robot's YAML file.
 A sphere is fitted to the corners of a mesh's convex hull by least squares, ‖x‖² = 2 x·m + (r² − ‖m‖²), and made as
 large as the farthest of them is away. It is taken where nearly all corners, and the planes of half of the hull's
 surface, are no farther from it than a part of its radius, and than a millimetre: balls that are cut off on their sides,
-or have a neck, are balls, boxes and cylinders not.
+or have a neck, are balls, boxes and cylinders not. Where it may touch, away from the leg's last joint, it has to be
+round: half a ball with its flat side down is none.
 """
 
 from __future__ import annotations
@@ -32,6 +33,10 @@ NECK = 0.05
 """Share of a ball's corners that may be farther from it, where a shank ends in it."""
 HALF = 0.5
 """Share of a ball's surface that is round; the rest may be cut off."""
+TOUCHING_RAD = 0.7
+"""A foot may touch with what is so far off the direction from its joint to its middle; one about its joint with all."""
+DIRECTIONS = 400
+"""Directions all over a sphere in which a ball's surface is looked at."""
 ENOUGH = 3000
 """Corners of a ball from which it is known to be one."""
 DIGITS = 9
@@ -149,7 +154,23 @@ def _balls(
         return ()
     in_link = np.round(shape.origin_m + shape.rotation @ ball[0], DIGITS)  # as a URDF has it
     middle = shape.rotation.T @ (in_link - shape.origin_m)
-    return ((origin_m + rotation @ middle, round(ball[1], DIGITS)),)
+    centre, radius_m = origin_m + rotation @ middle, round(ball[1], DIGITS)
+    far_m = float(np.linalg.norm(centre))
+    outward = rotation.T @ centre / far_m if far_m > 2.0 * radius_m else None
+    return ((centre, radius_m),) if _round(shape.corners_m, middle, radius_m, outward) else ()
+
+
+def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | None) -> bool:
+    """Whether the hull of points, shape (V, 3) [m], ends where a ball does in all directions in which that may touch:
+    those within ``TOUCHING_RAD`` of a unit vector, shape (3,), all of them where it is None."""
+    z = 1.0 - (2.0 * np.arange(DIRECTIONS) + 1.0) / DIRECTIONS
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(DIRECTIONS)  # Fibonacci's lattice
+    flat = np.sqrt(1.0 - z**2)
+    ways = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+    if outward is not None:
+        ways = ways[ways @ outward > np.cos(TOUCHING_RAD)]
+    ends = ((points_m - middle_m) @ ways.T).max(axis=0)
+    return bool(ends.min() >= radius_m - FARTHER_M)
 
 
 def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:

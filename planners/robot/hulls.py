@@ -61,6 +61,24 @@ def with_hulls(shapes: Sequence[Shape]) -> tuple[tuple[Shape, ...], list[tuple[s
     return tuple(found), list(doubts)
 
 
+def with_same_hulls(shapes: Sequence[Shape], read: Sequence[Shape]) -> tuple[Shape, ...]:
+    """The shapes of a URDF that was rewritten, its links' bodies with the hulls of the same meshes as they were read.
+
+    A mesh is often both a link's body and what the link looks like; only the body has a hull.
+    """
+    hulls = {_place(shape): shape.corners_m for shape in read if shape.corners_m is not None}
+    bodies = {id(shape) for shape in solid_shapes(shapes)}
+    return tuple(
+        replace(shape, corners_m=hulls.get(_place(shape))) if id(shape) in bodies else shape for shape in shapes
+    )
+
+
+def _place(shape: Shape) -> tuple[str, str, bytes]:
+    """The key of a mesh's hull: its link, its file, and how it is scaled and placed."""
+    numbers = np.concatenate([shape.size_m, shape.origin_m, shape.rotation.ravel()])
+    return shape.link, str(shape.mesh), numbers.tobytes()
+
+
 def _read_hull(path: Path, scale: Array) -> Array | str:
     """The corners of a mesh's hull, or why it has none."""
     try:

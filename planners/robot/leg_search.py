@@ -157,6 +157,8 @@ class _Tree:
                 f"legs: expected one foot a leg, joint {shown(best.names[0])} carries {best.foot} and "
                 f"{other.foot if other else '?'}"
             )
+        if not alone:
+            raise InvalidInput("legs: expected chains of joints that reach below the base, found none")
         low = [end for end in arms if depth[end] < least]
         return alone, low, self._lying([end for end in ends if end not in arms], alone)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,11 @@ from ..files.archive import read_archive
 from ..files.arrays import Array, read_only
 from ..files.cache import cache_folder
 from ..files.documents import read_bytes
+from ..files.validation import shown
 from ..files.writing import write_bytes
 from ..terrain.mesh_file import MOST_BYTES, read_corners
+from .shapes import Shape
+from .solids import solid_shapes
 
 VERSION = "mesh/2"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
@@ -83,6 +87,27 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
             stream = io.BytesIO()
             np.savez_compressed(stream, vertices=np.float32(found.vertices_m), faces=np.int32(found.faces))
             write_bytes(kept, stream.getvalue())
+    return found
+
+
+def unseen(shapes: Sequence[Shape], most: int) -> list[str]:
+    """Doubts on meshes that are no body, and cannot be drawn with ``most`` triangles: the links that look like them,
+    the file, and why, in a line per mesh. Meshes that are bodies have doubts of their own."""
+    bodies, links = {id(shape) for shape in solid_shapes(shapes)}, dict[tuple[Path, bytes], list[Shape]]()
+    for shape in shapes:
+        if shape.mesh is not None and id(shape) not in bodies:
+            links.setdefault((shape.mesh, shape.size_m.tobytes()), []).append(shape)
+    found = []
+    for (path, _), its in links.items():
+        if thinned_mesh(path, its[0].size_m, most) is None:
+            try:
+                read_mesh(path, its[0].size_m)
+            except InvalidInput as error:
+                why = str(error).removeprefix(f"{path}: ")
+            else:
+                continue
+            names = ", ".join(dict.fromkeys(shape.link for shape in its))
+            found.append(f"link {names}: not in the picture, mesh {shown(path.name)}: {why}")
     return found
 
 

@@ -31,6 +31,8 @@ SMALLEST_M, LARGEST_M = 0.02, 5.0
 UPWARD = 0.25
 """A leg whose foot is on average this share of its length above its hip points up."""
 SAMPLES = 500
+REST = 0.05
+"""A joint that no leg has rests at 0; its limits may be so far from that [rad or m]."""
 
 
 def link_inertia(link: Element) -> tuple[float, Array, Array]:
@@ -143,6 +145,44 @@ def leg_doubts(legs: Sequence[Leg]) -> Iterator[Doubt]:
     for leg in legs:
         if not SMALLEST_M <= leg.chain.length_m <= LARGEST_M:
             yield f"link {leg.foot}", f"a leg of {leg.chain.length_m:.3g} m: other units?"
+
+
+def rest_gaps(root: Element, legs: Sequence[Leg]) -> Iterator[str]:
+    """What has to be settled of the joints that no leg has, which plans take to rest at 0: those that follow a leg's
+    joint or rest elsewhere, and those whose limits do not let them be there."""
+    of_legs = {name for leg in legs for name in leg.joint_names}
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
+    mimics = {name: mimic for name, joint in joints.items() if (mimic := joint.find("mimic")) is not None}
+    for name, joint in joints.items():
+        where, kind, limit = f"joint {name}", joint.get("type"), joint.find("limit")
+        if name in of_legs or kind == "fixed":
+            continue
+        if name in mimics:
+            leader, offset = _leader(name, mimics), _number(mimics[name], "offset", f"{where}: mimic")
+            if leader in of_legs or leader in mimics:
+                yield f"{where}: follows {leader}, which plans do not: make it a fixed joint"
+            elif abs(offset) > REST:
+                yield f"{where}: rests {offset:g} from {leader}, which plans do not know: make it a fixed joint"
+        elif limit is not None and kind in ("revolute", "prismatic"):
+            low, high = (_number(limit, key, where) for key in ("lower", "upper"))
+            if not low - REST <= 0.0 <= high + REST:
+                yield f"{where}: rests at 0, beyond its limits, {low:g} to {high:g}: make it a fixed joint"
+
+
+def _leader(name: str, mimics: Mapping[str, Element]) -> str:
+    """The joint that one follows in the end."""
+    seen = [name]
+    while (mimic := mimics.get(seen[-1])) is not None and (further := mimic.get("joint", "")) not in seen:
+        seen.append(further)
+    return seen[-1]
+
+
+def _number(element: Element, key: str, where: str) -> float:
+    text = element.get(key, "0")
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(f"{where}: {key}: expected a number, got {shown(text)}") from None
 
 
 def points_up(leg: Leg) -> bool:

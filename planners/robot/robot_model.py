@@ -20,10 +20,10 @@ from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown
 from ..physics import GRAVITY_M_S2
 from .contacts import check_contacts, with_balls
-from .hulls import with_hulls, with_known_hulls
+from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .leg import FootContact, Leg, Mount
 from .leg_search import legs_of
-from .plausibility import body_doubts, foot_doubts, leg_doubts, wrong_links
+from .plausibility import body_doubts, foot_doubts, leg_doubts, rest_gaps, wrong_links
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
 from .urdf_reader import (
@@ -215,12 +215,12 @@ def model_of(
         standing_in = _mounts(model, found.legs, at_rest(model))
         rounded, balls = with_balls(root, found.legs, shapes, standing_in, found.indices)
         if balls:
-            text, read = rounded, {_of_mesh(shape): shape.corners_m for shape in shapes}
-            again = shapes_of(parsed(text, where), folder, packages)[0]
-            shapes = tuple(replace(shape, corners_m=read.get(_of_mesh(shape))) for shape in again)
+            text, again = rounded, shapes_of(parsed(rounded, where), folder, packages)[0]
+            shapes = with_same_hulls(again, shapes)
             guesses.insert(0, f"balls for {', '.join(balls)}")
         _check_mimics(root, found.legs)
         semantics = parsed(srdf, "srdf") if srdf else None
+        gaps = (*found.gaps, *rest_gaps(root, found.legs))
         legs, more = _stand(found.legs, posture_rad, semantics)
         body, rest = _weighed(model, legs, root)
         called = checked_name(name or model.name, "name")
@@ -232,16 +232,11 @@ def model_of(
     mounts = _mounts(model, legs, rest)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
     return RobotModel(
-        name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=mounts, gaps=found.gaps,
+        name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=mounts, gaps=gaps,
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
         remarks=(*(Remark(kind="guess", text=each) for each in (*guesses, *more)),
-                 *(Remark(kind="doubt", text=each) for each in (*found.gaps, *_joined(doubts)))),
+                 *(Remark(kind="doubt", text=each) for each in (*gaps, *_joined(doubts)))),
     )  # fmt: skip
-
-
-def _of_mesh(shape: Shape) -> tuple[str, str, bytes]:
-    """A key of a mesh's hull: its link, its file, and how it is scaled and placed."""
-    return shape.link, str(shape.mesh), shape.size_m.tobytes() + shape.origin_m.tobytes() + shape.rotation.tobytes()
 
 
 def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:

@@ -136,6 +136,8 @@ def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Pat
         size, mesh = _numbers(body.get("scale", "1 1 1"), 3, where), meshes[body.get("filename", "")]
     else:
         size = [x for key in SIZES[body.tag] for x in _numbers(body.get(key, ""), 3 if key == "size" else 1, where)]
+        if min(size) < 0.0:
+            raise InvalidInput(f"{where}: expected sizes of 0 or more, got {min(size):g}")
     rotation, origin = foothold(element.find("origin"), where)
     kind: Kind = body.tag  # type: ignore[assignment]
     return Shape(

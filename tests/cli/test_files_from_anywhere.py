@@ -224,3 +224,20 @@ def test_a_mesh_that_is_broken_or_flat_is_a_doubt_that_names_link_and_file(tmp_p
         assert doubts[0].startswith(f"link {_base()}: has no body, mesh {why}")
         assert "\n" not in doubts[0]
         assert str(tmp_path) not in doubts[0]
+
+
+def test_a_broken_mesh_that_is_only_seen_is_a_doubt_where_it_is_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    (tmp_path / "cut.ply").write_bytes(CUT_OFF)
+    robot = tmp_path / "robot.urdf"
+    seen = '<visual><geometry><mesh filename="cut.ply"/></geometry></visual></link>'
+    robot.write_text(hexapod_urdf(hexapod()).replace("</link>", seen, 1))
+    answers = []
+    for more in ((), ("--picture", str(tmp_path / "robot.png"))):
+        code, out, err = command(("robot", str(robot), "--json", *more))
+        assert (code, err) == (0, "")
+        answers.append([each for each in json.loads(out)["doubts"] if "cut.ply" in each])
+    assert answers[0] == []  # it is no body, and nothing is drawn
+    assert len(answers[1]) == 1
+    assert answers[1][0].startswith(f"link {_base()}: not in the picture, mesh 'cut.ply': expected a mesh")
+    assert "\n" not in answers[1][0]

@@ -35,6 +35,12 @@ class Case:
     sealed: bool = False
     seal: Callable[[bytes], bytes] | None = None
 
+    @property
+    def mesh(self) -> str:
+        """The format of a mesh that a URDF or a terrain names, as its file's name ends; empty for other readers."""
+        named = self.kind in ("stl", "obj", "ply", "off", "glb", "dae") and not self.file.startswith("cloud")
+        return ("text " if "-text" in self.file else "") + self.kind if named else ""
+
     def damaged(self, content: bytes, rng: np.random.Generator) -> tuple[bytes, frozenset[int]]:
         """A mutated file, and the exit codes that are right for it."""
         ways = m.PLAIN + 3 * self.made

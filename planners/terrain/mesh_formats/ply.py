@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...files.arrays import Array
+from ...files.validation import shown
 from .numbers import MOST_TRIANGLES, Surface, broken, check_count, fans, reals, wholes
 
 HEAD_BYTES = 65_536
@@ -77,8 +78,9 @@ def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
             if order
             else element.count > len(lines) - at
         ):
+            name = shown(element.name.decode(errors="replace")).strip("'")
             raise broken(
-                f"its header declares {element.count} of {element.name.decode()}, more than it has bytes for"
+                f"its header declares {element.count} of {name}, more than it has bytes for"
             )
         if element.name == b"vertex":
             corners = (

@@ -332,3 +332,20 @@ def test_a_file_of_the_format_before_is_read_as_ever():
     record = read_trajectory(path)
     assert record.verified
     assert check_file(path).accepted
+
+
+def test_an_older_walk_of_a_urdf_is_judged_as_far_as_it_says(tmp_path, monkeypatch):
+    pytest.importorskip("pinocchio")
+    path = Path(__file__).parents[1] / "formats" / "older" / "gait-2-urdf.json"
+    assert json.loads(path.read_text())["format"] == "stancekit/gait/2"
+    (tmp_path / "bone.obj").write_text("v 0 0 0\n")  # the mesh of its shanks, which is looked for nowhere
+    monkeypatch.chdir(tmp_path)
+    report = check_file(path)
+    assert report.accepted
+    assert report.message == (
+        "accepted as far as checked: heading, rest, rest_acceleration and bodies are not; "
+        "40 groups within their limits; cannot be executed: heading, rest, rest_acceleration, bodies are not checked"
+    )
+    (tmp_path / "other.json").write_text(path.read_text().replace("bone.obj", "bones.obj"))
+    with pytest.raises(InvalidInput, match="digest"):
+        check_file(tmp_path / "other.json")

@@ -185,6 +185,8 @@ def test_what_has_no_shape_is_said() -> None:
     whole = [shape(part, "sphere", [0.01]) for part in parts]
     assert bodies(whole).missing == ()
     assert bodies([*whole, shape("base", "mesh", [1, 1, 1])]).missing == ("link base: no mesh",)
+    follows = "joint wag: follows LF_HFE, which plans do not: make it a fixed joint"
+    assert bodies(whole, gaps=(follows,)).missing == (follows,)  # nor is it known where those are
     feet = [shape("LF_FOOT", "sphere", [0.01])]  # the ball at its end is no shank
     (line,) = bodies([each for each in whole if each.link not in ("LF_THIGH", "LF_SHANK")] + feet).missing
     assert line == "joints LF_HFE, LF_KFE: no shape of what they carry"

@@ -8,6 +8,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import catalogue as module
 from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
 from stancekit.planners.robot.robot_file import named_robot, read_keys
+from stancekit.planners.robot.solids import link_shapes
 from stancekit.planners.robot.walker import named_walker
 
 pytest.importorskip("pinocchio")
@@ -32,6 +33,8 @@ def test_a_robot_stands_on_the_feet_of_its_file_with_a_torque_limit_at_every_joi
     assert {leg.name: leg.foot for leg in model.legs} == keys.feet
     assert all(0.0 < joint.torque_nm < 500.0 for leg in model.legs for joint in leg.joints)
     assert len({round(float(leg.nominal_m[2]), 2) for leg in model.legs}) == 1  # it stands level
+    model.check_known()  # plans are made for it: what it touches with is known, where its feet are no balls, too
+    assert link_shapes(model)[1] == ()  # and all of its links are judged
 
 
 def test_a_walk_takes_the_same_name() -> None:

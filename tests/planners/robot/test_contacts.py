@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.contacts import fitted_ball
+from stancekit.planners.robot.leg import FootContact
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -71,3 +73,29 @@ def test_what_a_ball_may_lack() -> None:
     can = np.array([[np.cos(t), np.sin(t), z] for t in turns for z in (-1.0, 1.0)])
     assert fitted_ball(can) is None
     assert fitted_ball(points[:3]) is None
+
+
+def test_bodies_keep_their_hulls_beside_feet_that_become_balls(tmp_path: Path) -> None:
+    box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.01
+    (tmp_path / "bone.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in box) + "f 1 2 4 3\nf 5 6 8 7\n")
+    text = quadruped(bone='<mesh filename="bone.obj"/>').replace('<sphere radius="0.02"/>', '<box size=".02 .02 .02"/>')
+    bone = '<geometry><mesh filename="bone.obj"/></geometry>'  # as body, and as what is seen
+    text = text.replace(f"<collision>{bone}</collision>", f"<collision>{bone}</collision><visual>{bone}</visual>")
+    model = model_of(text, folder=tmp_path, contacts={"*_FOOT": FootContact(point_m=np.zeros(3), radius_m=0.01)})
+    meshes = [shape for shape in model.shapes if shape.kind == "mesh"]
+    assert any(remark.text.startswith("balls for") for remark in model.remarks)
+    assert len(meshes) == 24
+    assert [shape.corners_m is not None for shape in meshes] == [shape.collides for shape in meshes]
+
+
+def test_a_ball_is_round_where_it_may_touch(tmp_path: Path) -> None:
+    points = corners()
+    below, turns = points[(points - MIDDLE)[:, 2] < 0.01], np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    ring = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(60)]) * np.sqrt(0.03**2 - 0.01**2)
+    cut = np.vstack([below, MIDDLE + ring + [0.0, 0.0, 0.01]])  # flat where a shank may be
+    assert {leg.radius_m for leg in with_feet(tmp_path, cut).legs} != {0.0}
+    flipped = MIDDLE + (cut - MIDDLE) * [1.0, 1.0, -1.0]  # the same, on its flat side
+    model = with_feet(tmp_path, flipped)
+    assert {leg.radius_m for leg in model.legs} == {0.0}
+    with pytest.raises(InvalidInput, match="LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT touches with a mesh"):
+        model.check_known()

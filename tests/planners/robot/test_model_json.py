@@ -48,7 +48,8 @@ def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
     (folder / "dog").mkdir()
     (folder / "dog/trunk.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (folder / "dog.yaml").write_text(
-        "urdf: dog.urdf\nsrdf: dog.srdf\npackages: [.]\nname: dog\njoints: {'*_KFE': {torque_nm: 33.0}}\n"
+        "urdf: dog.urdf\nsrdf: dog.srdf\npackages: [.]\nname: dog\n"
+        "joints: {'*_KFE': {torque_nm: 33.0}, LH_KFE: {limits_rad: [-2.4, 0.0]}}\n"  # no leg: it hangs
         "posture_rad: {'*_HAA': 0.0, '*_HFE': 0.7, '*_KFE': -1.3}\nfeet: {RH: RH_FOOT, LF: LF_FOOT, RF: RF_FOOT}\n"
     )
     (folder / "ground.yaml").write_text(COURSE)

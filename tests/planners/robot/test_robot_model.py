@@ -12,10 +12,10 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import hexapod_model, named_robot
-from stancekit.planners.robot.robot_model import RobotModel, model_of
+from stancekit.planners.robot.robot_model import Remark, RobotModel, model_of
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.robot.urdf_reader import JointCorrection
-from tests.planners.robot.small_urdfs import HIPS, LIMITS, fixed, joint, leg, link, quadruped, robot
+from tests.planners.robot.small_urdfs import HIPS, LIMITS, fixed, joint, leg, limit, link, quadruped, robot
 
 pytest.importorskip("pinocchio")
 
@@ -235,6 +235,10 @@ def snake(last: int) -> str:
 
 
 FIXED = robot([link("a"), link("b"), fixed("f", "base", "a"), fixed("g", "a", "b")])
+MAST = robot([
+    link("low"), link("high"), link("top"), joint("turn", "base", "low", "0 0 .1", "0 0 1"),
+    joint("bend", "low", "high", "0 0 .3"), fixed("f", "high", "top", "0 0 .3"),
+])  # fmt: skip
 MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multiplier="-2"/><limit lower="-2.4"', 1)
 
 
@@ -243,6 +247,7 @@ MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multip
     [
         (quadruped(mass=0.0), {}, "expected links with mass and inertia, got 0 kg in all"),
         (FIXED, {}, "legs: expected chains of two joints or more under the base, found none"),
+        (MAST, {}, "legs: expected chains of joints that reach below the base, found none"),
         (FIXED, {"feet": ["b"]}, "feet: expected joints between the base and 'b', all of them are fixed"),
         (MIMIC, {}, "joint 'LF_KFE': expected a joint of its own, it mimics LF_HFE"),
         (TWO_FEET, {}, "legs: expected one foot a leg, joint 'waist_yaw' carries lc and rc"),
@@ -266,6 +271,8 @@ MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multip
         ("<sdf/>", {}, "expected a URDF: expected a robot, got 'sdf'"),
         (quadruped().replace('radius="0.02"', 'radius="wide"'), {},
          "link 'LF_FOOT': sphere: expected 1 numbers, got 'wide'"),
+        (quadruped().replace('sphere radius="0.02"', 'capsule radius="0.02" length="-0.06"', 1), {},
+         "link 'LF_FOOT': capsule: expected sizes of 0 or more, got -0.06"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_one_line(text: str, options: dict, message: str) -> None:
@@ -286,7 +293,8 @@ def test_a_yaml_file_names_a_urdf_and_corrects_it(tmp_path: Path) -> None:
     assert model.legs[0].joint_names == ("LF_HAA", "LF_HFE", "LF_KFE")
     assert model.legs[2].upper_rad[0] == 0.3
     assert model.legs[1].stance_rad.tolist() == [0.0, 0.6, -1.2]
-    assert model.remarks == ()
+    fourth = "joint RH_KFE: rests at 0, beyond its limits, -2.4 to -0.3: make it a fixed joint"
+    assert model.remarks == (Remark(kind="doubt", text=fourth),)  # of a leg that the file does not name
 
 
 def test_a_robot_that_lies_on_its_side_is_put_upright(tmp_path: Path) -> None:
@@ -333,3 +341,33 @@ def test_names_that_are_no_robots_are_refused() -> None:
         "robot: expected hexapod, a1, aliengo, anymal_b, anymal_c, b1, go1, go2, hyq, laikago, solo12, spirit40, "
         "vision60, a .urdf file, or a .yaml file that names one, got 'centipede'"
     )
+
+
+def tail(limits: str, follows: str = "") -> str:
+    """A quadruped with a tail of one joint."""
+    extra = f"<mimic {follows}/>{limits}" if follows else limits
+    text = robot([joint("wag", "base", "tail", "-.3 0 0", extra=extra), link("tail")])
+    return quadruped().replace("</robot>", text.partition("</link>")[2])
+
+
+@pytest.mark.parametrize(
+    ("text", "gap"),
+    [
+        (tail('<limit lower="-1" upper="1" effort="4" velocity="10"/>'), ""),
+        (tail('<limit lower="3" upper="3.3" effort="4" velocity="10"/>'),
+         "joint wag: rests at 0, beyond its limits, 3 to 3.3: make it a fixed joint"),
+        (tail(limit("HAA"), 'joint="LF_HFE" multiplier="4"'),
+         "joint wag: follows LF_HFE, which plans do not: make it a fixed joint"),
+        (tail(limit("HAA"), 'joint="arm" offset="3"'),
+         "joint wag: rests 3 from arm, which plans do not know: make it a fixed joint"),
+        (tail(limit("HAA"), 'joint="wag"'), "joint wag: follows wag, which plans do not: make it a fixed joint"),
+    ],
+)  # fmt: skip
+def test_joints_that_no_leg_has_rest_where_plans_take_them_to_be(text: str, gap: str) -> None:
+    model = model_of(text)
+    assert len(model.legs) == 4
+    assert model.gaps == ((gap,) if gap else ())
+    if gap:
+        assert Remark(kind="doubt", text=gap) in model.remarks
+        with pytest.raises(InvalidInput, match=r"^robot quadruped: joint wag: "):
+            model.check_known()

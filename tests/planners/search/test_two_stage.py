@@ -15,6 +15,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.descent import cost
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search import nogoods
 from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.clock import Clock
@@ -154,3 +155,15 @@ def test_no_claim_about_a_course_is_believed(climb, planner):
     assert both.message.startswith("plan refused: ")
     assert both.residual > 1e-3
     assert accept(0, certificate=refuted.certificate).status is Status.INFEASIBLE
+
+
+def test_toes_on_stairs_keep_a_foots_radius_from_risers(planner):
+    course = read_course("stairs")
+    outcome = planner.solve(course)
+    assert outcome.plan is not None
+    risers = [patch.vertices_m for patch in course.terrain if abs(patch.normal[2]) < 0.5]
+    assert len(risers) == 4
+    toes = outcome.plan.toes_m
+    assert len(toes) == len(course.footholds)
+    gaps = [np.linalg.norm(toes - np.clip(toes, riser.min(axis=0), riser.max(axis=0)), axis=1) for riser in risers]
+    assert np.min(gaps) > FOOT_RADIUS_M

@@ -137,6 +137,14 @@ def test_what_is_wrong_with_a_mesh_is_said(
         read_corners(tmp_path / f"mesh.{kind}")
 
 
+def test_a_name_that_is_no_text_is_said_as_it_can_be(tmp_path: Path) -> None:
+    head = b"ply\nformat binary_little_endian 1.0\nelement ver\x80\x1b 99\nproperty float x\nend_header\n"
+    (tmp_path / "mesh.ply").write_bytes(head)
+    message = r"its header declares 99 of ver\ufffd\\x1b, more than it has bytes for"
+    with pytest.raises(InvalidInput, match=message):
+        read_corners(tmp_path / "mesh.ply")
+
+
 def test_a_node_within_itself_ends() -> None:
     pytest.importorskip("collada")
     text = content(trimesh.creation.box(), "dae").decode()
