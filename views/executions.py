@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.cached import cached_property
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.kinematics import Kinematics

@@ -7,13 +7,13 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, cast
 
 from numpy.typing import NDArray
 
 from ..answer.outcome import Posture
 from ..answer.plan import Plan
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..problem import PostureProblem
 from ..problem.course import Course

@@ -7,13 +7,13 @@ is known by heights alone, so that no derivative that a planner relied on is bel
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from ..cached import cached_property
 from ..files.arrays import Array
 from ..gait.trajectory import Trajectory
 from .trajectory_series import Series
