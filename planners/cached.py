@@ -25,5 +25,6 @@ class cached_property(functools.cached_property[T]):
         """The value, which is kept in the instance, where it is found without this the next time."""
         if instance is None:
             return self
+        assert self.attrname is not None  # the class has given it its name
         value: T = vars(instance).setdefault(self.attrname, self.func(instance))
         return value

@@ -77,7 +77,7 @@ def calls(folder: Path) -> dict[str, Call]:
     rows = stancekit.label("ground-3", folder / "rows", feasible=12, infeasible=12)
     test = stancekit.label("ground-3", folder / "test", feasible=4, infeasible=4, seed=1)
     selectors = [stancekit.fit(rows, "quantile", share=share) for share in (0.0, 0.1)]
-    problems = stancekit.sample("wall-3", 6, rng=4)
+    problems = [*stancekit.sample("wall-3", 5, rng=4), *stancekit.sample("ground-3", 5, rng=4)]
     outcomes = [stancekit.solve(problem) for problem in problems]
     refuted = [outcome for outcome in outcomes if outcome.certificate is not None]
     of_proof = [(outcome.problem, outcome.certificate) for outcome in refuted]
@@ -121,7 +121,7 @@ def calls(folder: Path) -> dict[str, Call]:
 
     return {
         "sample": lambda k: stancekit.sample(("wall-3", "ground-3", "wall-5")[k % 3], 3, rng=k % 5),
-        "solve": lambda k: stancekit.solve(problems[k % 6], ("exact", "lift", "two-stage")[k % 3]),
+        "solve": lambda k: stancekit.solve(problems[k % 10], ("exact", "lift", "two-stage")[k % 3]),
         "plan": planned,
         "verify": lambda k: stancekit.verify(*held[k % len(held)]),
         "verify a proof": lambda k: stancekit.verify(*of_proof[k % len(of_proof)]),
@@ -131,7 +131,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "label": labelled,
         "evaluate": lambda k: stancekit.evaluate(selectors[k % 2], test, projections=("fix-p",)),
         "load": lambda k: (
-            stancekit.load(files[k % 6]) if k % 3 else stancekit.load(folder / "plan.json")
+            stancekit.load(files[k % 10]) if k % 3 else stancekit.load(folder / "plan.json")
         ),
         "save": saved,
         "fit quantile": lambda k: (
