@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from .planners.answer.outcome import Status as Status
     from .planners.answer.plan import Plan as Plan
     from .planners.answer.plan_outcome import PlanOutcome as PlanOutcome
+    from .planners.answer.trajectory import Trajectory as Trajectory
     from .planners.errors import InvalidInput as InvalidInput
     from .planners.errors import StancekitError as StancekitError
-    from .planners.gait.trajectory import Trajectory as Trajectory
     from .planners.problem.course import Course as Course
     from .planners.problem.posture import Contact as Contact
     from .planners.problem.posture import PostureProblem as PostureProblem

@@ -20,7 +20,7 @@ from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.search.methods import PlannerOptions, Relaxation, make_course_planner, through_verifier
+from stancekit.planners.search.methods import PlannerOptions, Relaxation, course_through_verifier, make_course_planner
 from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
 
 
@@ -99,7 +99,7 @@ def plan(
         chosen = make_course_planner(chosen, replace(options, time_limit_s=time_limit_s, programs=programs))
     else:
         options.check_used("a planner that was made before", ())
-        chosen = through_verifier(chosen)
+        chosen = course_through_verifier(chosen)
     shares = None if reserve else ALL_FRICTION
     return plan_course(question, chosen, shares=shares, limits=limits, deadline=deadline)
 

@@ -18,7 +18,7 @@ from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.search.methods import PlannerOptions, Solver, make_planner
+from stancekit.planners.search.methods import PlannerOptions, Solver, make_planner, through_verifier
 
 MADE = "a planner that was made before"
 
@@ -86,8 +86,9 @@ def solve(
         problem: limbs on patches, see ``PostureProblem``.
         method: "exact" branches and bounds to a verdict with evidence; "p1" is the relaxation over ``envelopes``;
             "lift" one without envelopes; "two-stage" relaxation and projection; "nlp" IPOPT; "micp" a piecewise
-            McCormick grid. Or a planner that was made before, which keeps its compiled models from problem to problem,
-            the name of one that a package registered under ``stancekit.planners``, or "FILE.py:NAME".
+            McCormick grid. Or a planner that was made before, which keeps its compiled models from problem to problem
+            (what one from elsewhere says counts as far as the verifier accepts it), the name of one that a package
+            registered under ``stancekit.planners``, or "FILE.py:NAME".
         envelopes: learned boxes, for p1, two-stage and micp.
         projection: stage P2 after p1, lift and two-stage: "fix-p", "fix-f", "fix-toes", "scp", "nlp" or
             "lift-fix-p".
@@ -120,4 +121,4 @@ def solve(
     options.check_used(MADE, ())
     if engine != "rows":
         raise InvalidInput(f"engine: expected none for {MADE}, which has no use for it, got {engine!r}")
-    return method.solve(problem)
+    return through_verifier(method).solve(problem)

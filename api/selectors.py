@@ -102,7 +102,7 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
             "joint" (for P1 joined with the lift) and "rl" need torch. Or one that a package registered under
             ``stancekit.methods``, or "FILE.py:NAME".
         settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold, boxes, steps, batch,
-            seed, ... Each method uses those that concern it.
+            seed, ... Those that do not concern the method are refused.
     Returns:
         A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``; ``save`` writes it.
         ``Modes`` for "modes": for ``plan``.
@@ -117,7 +117,9 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
         ('RF', 'RR', 'LM')
     """
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
-    return learn(method, [_opened(rows) for rows in several], typed(FitSettings, settings, ""))
+    asked = typed(FitSettings, settings, "")
+    asked.check_used(method)
+    return learn(method, [_opened(rows) for rows in several], asked)
 
 
 @checked

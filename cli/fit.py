@@ -145,7 +145,8 @@ class Fit:
         for name in extra:
             if name in own:
                 raise InvalidInput(f"{self.config}: {name}: expected as an option, --{name.replace('_', '-')}")
-        FitSettings(**given)  # what is wrong with the options is not the file's fault
+        with as_options():
+            FitSettings(**given).check_used(self.method)  # what is wrong with the options is not the file's fault
         try:
             settings = typed(FitSettings, {**given, **extra}, "")
             settings.check(self.method)

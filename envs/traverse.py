@@ -28,6 +28,7 @@ from .traverse_setup import (
     Courses,
     TraverseOptions,
     TraverseSettings,
+    check_selectors,
     course_source,
     offered_planners,
     path_length_m,
@@ -122,7 +123,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | render_mode | None | "rgb_array" |
 
     ``envelopes`` is a list of envelopes, several sets of them for different legs, modes, selectors (what ``fit``
-    returned; a network chooses its boxes for every stance ahead), or files of any of these.
+    returned; a network chooses its boxes for every stance ahead), files of any of these, or names of those that ship. A
+    selector that has a stance in none of the courses is refused.
 
     ## Version History
 
@@ -147,6 +149,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self._planners = tuple(offered_planners(settings.envelopes, programs) if planners is None else planners)
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
+        check_selectors(self._planners, self._draw)
         self._start, self._executor = TwoStageCoursePlanner(programs=programs), settings.executor
         self._horizon, self._weights = settings.horizon, settings.rewards
         self._patience, self._timing = settings.patience, bool(settings.timing)

@@ -43,11 +43,13 @@ Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector | str | Pa
 """What a planner has: envelopes, several sets of them for different legs, modes, a selector, or a file of these."""
 READERS: Mapping[str, str] = MappingProxyType(
     {
-        ".json": "stancekit.planners.answer.answer_file:read_boxes",
+        ".json": "stancekit.planners.formats.answer_file:read_boxes",
         ".safetensors": "stancekit.learners.selectors.selector_file:load_selector",
+        "": "stancekit.learners.selectors.selector_file:load_selector",  # the name of one that ships
     }
 )
-"""Readers of files by their endings; named, as in a registry, because networks are read on a higher floor."""
+"""Readers of files by their endings, and of names, which have none; named, as in a registry, because networks are read
+on a higher floor."""
 
 
 class Executed(Protocol):
@@ -240,11 +242,36 @@ def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> S
     return [TwoStageCoursePlanner(programs=programs), *(_within(each, programs) for each in given)]
 
 
+def check_selectors(planners: Sequence[CoursePlanner], source: CourseSource) -> None:
+    """Raise InvalidInput for a selector that no course has a stance for: it would be asked for nothing.
+
+    Of a function, nobody knows before it draws.
+    """
+    draw = source.draw if isinstance(source, WithFooting) else source
+    for planner in planners:
+        if isinstance(planner, SelectorPlanner) and isinstance(draw, Perturbed):
+            refused = [error for spec in draw.specs if (error := _refusal(planner, spec)) is not None]
+            if len(refused) == len(draw.specs):
+                raise InvalidInput(f"envelopes: expected a selector for the courses, got another: {refused[0]}")
+
+
+def _refusal(planner: SelectorPlanner, spec: CourseSpec) -> InvalidInput | None:
+    """Why nothing of a course, as it is undisturbed, is for a selector; None where something is, or may be."""
+    try:
+        planner.check_fits(perturbed(spec, np.random.default_rng(0), amount=0.0))
+    except NoFooting:
+        return None
+    except InvalidInput as error:
+        return error
+    return None
+
+
 def _read(path: str | Path) -> EnvelopeSet | Modes | LearnedSelector:
     """Envelopes, modes or a selector from a file. Raises InvalidInput."""
     suffix = Path(path).suffix
     if suffix not in READERS:
-        raise InvalidInput(f"envelopes: expected a file that ends in {' or '.join(READERS)}, got {shown(str(path))}")
+        known = " or ".join(filter(None, READERS))
+        raise InvalidInput(f"envelopes: expected a file that ends in {known}, got {shown(str(path))}")
     found: EnvelopeSet | Modes | LearnedSelector = resolve_name(READERS[suffix])(Path(path))
     return found
 

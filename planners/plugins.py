@@ -16,6 +16,7 @@ import hashlib
 import importlib
 import inspect
 import io
+import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -35,7 +36,9 @@ T = TypeVar("T")
 FILE = "stancekit_file_"
 """What the names of modules that were run from a FILE.py begin with."""
 _RUNNING = RLock()
-"""Held while a FILE.py runs: a second thread waits for it, and finds a whole module."""
+"""Held while a FILE.py runs: a second thread waits for it, and finds a whole module. So does a fork."""
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_RUNNING.acquire, after_in_parent=_RUNNING.release, after_in_child=_RUNNING.release)
 
 
 class Registry(Generic[T]):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
 
 import numpy as np
 
+from stancekit.planners.cached import cached_property
 from stancekit.planners.files.arrays import Array
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.cached import cached_property
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import foot_radii

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
 from stancekit.envs.distributions.postures import Distribution
+from stancekit.planners.cached import cached_property
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array

@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import check_fields, typed
+from stancekit.planners.files.validation import check_fields, shown, typed
 
 from ..data.executor import Executor
 from ..selectors.genetic import GeneticSettings
@@ -70,6 +70,16 @@ class FitSettings:
         """The settings that this method uses, JSON-ready; of a method from elsewhere all."""
         values = {name: getattr(self, name) for name in KNOBS.get(method, tuple(self.__dataclass_fields__))}
         return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items()}
+
+    def check_used(self, method: str) -> None:
+        """Raise InvalidInput for a setting that was given and does not concern the method; any seed is right for one
+        that draws nothing. A bench, whose settings are for all of its methods, does not ask."""
+        concerns, usual = self.concerning(method), FitSettings()
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if name not in (*concerns, "seed") and value != getattr(usual, name):
+                came = shown(value) if isinstance(value, int | float) else f"{len(value)} keys"
+                raise InvalidInput(f"{name}: expected none for {method}, which has no use for it, got {came}")
 
     def check(self, method: str) -> None:
         """Raise InvalidInput where the keys of a method with settings of its own are wrong, or torch is missing."""

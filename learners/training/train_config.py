@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -12,6 +11,7 @@ from pydantic import ConfigDict, Field
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import SceneKind
+from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.validation import validated

@@ -7,11 +7,11 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, cast
 
 from numpy.typing import NDArray
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..problem import PostureProblem
 from ..problem.course import Course

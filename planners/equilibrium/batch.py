@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.outcome import Posture
+from ..cached import cached_property
 from ..files.arrays import Array
 from ..problem import PostureBatch
 from .layout import Index

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.outcome import Posture
+from ..cached import cached_property
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course, Weights

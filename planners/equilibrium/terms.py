@@ -7,11 +7,11 @@ quantities are non-dimensional. Programs are loaded with a ``Given``. The same t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
+from ..cached import cached_property
 from ..files.arrays import Array
 from .gather import Fill, Of
 from .half_spaces import within_half_spaces, within_relative_reach

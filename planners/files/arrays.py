@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import cached_property, partial, wraps
+from functools import partial, wraps
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from .validation import shown
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, TypedDict
 
 import numpy as np
 
 from ..answer.trajectory import STEP_S, Trajectory
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from .constraints.cost import acceleration, force_rate

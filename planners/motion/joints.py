@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..answer.plan import Plan
+from ..cached import cached_property
 from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import descend
 from ..robot.kinematics import Kinematics, rotation_of

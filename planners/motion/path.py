@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.plan import Plan
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.legged import foot_radii

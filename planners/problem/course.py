@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, collect_errors, read_only
 from ..physics import GRAVITY_M_S2

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_members, checked_name, collect_errors, read_only
 from ..files.validation import validated

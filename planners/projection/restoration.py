@@ -8,11 +8,11 @@ the balances by the least change, and where that leaves a cone, a bound or a tor
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from ..answer.plan import Plan
+from ..cached import cached_property
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..files.arrays import Array
 from ..robot.inverse_kinematics import descend

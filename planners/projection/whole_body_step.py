@@ -15,10 +15,11 @@ the restoration's to mend (``restoration``).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
+from ..cached import cached_property
 from ..equilibrium.gather import Fill, Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.objective import objective

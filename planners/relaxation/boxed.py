@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
+from ..cached import cached_property
 from ..equilibrium.terms import Given
 from ..files.arrays import Array
 from .envelope import Corners, Envelope

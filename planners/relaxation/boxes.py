@@ -92,6 +92,23 @@ def boxes_of(
     return tuple(Envelope(low=below, high=above) for below, above in zip(*ends, strict=True))
 
 
+def check_fits_one(course: Course, envelopes: EnvelopeSet) -> None:
+    """Raise InvalidInput, for the first stance, unless the limbs and patches of some stance are those of the set.
+
+    For what is asked of a course stance by stance, or window by window, as ``boxes_of`` is of all.
+    """
+    envelopes.check_robot(course.robot.identity)
+    own = envelopes.measured_in(course.length_scale_m) if envelopes.robot else envelopes
+    either, first = (own, *_images([own], course.robot)), None
+    for stance in course.stances:
+        try:
+            return _check(course, stance, _fitting(course, stance, either), "contact")
+        except InvalidInput as error:
+            first = first or error
+    assert first is not None
+    raise first
+
+
 def _images(envelopes: Sequence[EnvelopeSet], robot: Robot) -> list[EnvelopeSet]:
     """The sets for the legs on the other side, of those whose legs have such."""
     found = []

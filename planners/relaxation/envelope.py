@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array, checked, read_only
 from ..files.validation import validated

@@ -9,8 +9,8 @@ relaxed; the centre of mass is not, since Σ f is fixed (``terms.Moments``). Ove
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
+from ..cached import cached_property
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
+from ..cached import cached_property
 from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled

@@ -8,11 +8,11 @@ robot's own legs begin at postures whose feet are near. Torques are those of a r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..cached import cached_property
 from ..files.arrays import Array, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid

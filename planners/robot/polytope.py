@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.optimize import LinearConstraint, linprog, minimize
 from scipy.spatial import HalfspaceIntersection, QhullError
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
 

@@ -14,10 +14,11 @@ one leaves out Θ·(a × (d − s)), and ‖d − s‖ ≤ ρ + t(s) by the ball
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
 

@@ -15,11 +15,11 @@ import heapq
 import itertools
 import time
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from ..answer.outcome import Certificate, Status
+from ..cached import cached_property
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled, cones_met

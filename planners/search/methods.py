@@ -279,13 +279,30 @@ def make_course_planner(name: str, options: PlannerOptions = PlannerOptions()) -
     return VerifiedCoursePlanner(planner, name, options.acceptance, remake)
 
 
-def through_verifier(planner: CoursePlanner) -> CoursePlanner:
-    """The planner, which answers through the verifier unless it is the package's own."""
-    if type(planner).__module__.startswith("stancekit."):
+def through_verifier(planner: Planner) -> Planner:
+    """A planner of postures, which answers through the verifier unless it is the package's own."""
+    if _is_of_the_package(planner):
+        return planner
+    from .verified import VerifiedPlanner
+
+    return VerifiedPlanner(planner, _called(planner), Acceptance())
+
+
+def course_through_verifier(planner: CoursePlanner) -> CoursePlanner:
+    """A planner of courses, likewise."""
+    if _is_of_the_package(planner):
         return planner
     from .verified import VerifiedCoursePlanner
 
-    return VerifiedCoursePlanner(planner, str(getattr(planner, "name", type(planner).__name__)), Acceptance())
+    return VerifiedCoursePlanner(planner, _called(planner), Acceptance())
+
+
+def _is_of_the_package(planner: object) -> bool:
+    return type(planner).__module__.startswith("stancekit.")
+
+
+def _called(planner: object) -> str:
+    return str(getattr(planner, "name", type(planner).__name__))
 
 
 def _copied(options: PlannerOptions, limit_s: float) -> PlannerOptions:

@@ -17,11 +17,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cached import cached_property
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import skew

@@ -6,7 +6,6 @@ and the last polynomial piece go on; CasADi's splines fall to 0 there, so the kn
 
 from __future__ import annotations
 
-from functools import cached_property
 from math import factorial
 
 import numpy as np
@@ -15,6 +14,7 @@ from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, vstack
 from scipy.sparse.linalg import splu
 
+from ..cached import cached_property
 from ..files.arrays import Array
 
 REACH_M = 100.0

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, read_only
 from .bspline import CubicBasis

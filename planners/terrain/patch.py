@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, collect_errors, cross, read_only
 

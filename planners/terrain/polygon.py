@@ -6,10 +6,9 @@ are (normals, offsets), the points with normals · x ≤ offsets. Clipping only 
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
+from ..cached import cached_property
 from ..files.arrays import Array, cross
 from .patch import Patch
 

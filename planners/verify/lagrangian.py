@@ -34,11 +34,11 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cached import cached_property
 from ..files.arrays import Array
 from .geometry import cross, length
 from .half_spaces import bending, relative_pulls

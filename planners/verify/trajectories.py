@@ -11,13 +11,13 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..answer.report import acceptance_word
 from ..answer.trajectory import Trajectory
+from ..cached import cached_property
 from ..physics import GRAVITY_M_S2
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS

@@ -7,7 +7,6 @@ is known by heights alone, so that no derivative that a planner relied on is bel
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from ..answer.trajectory import Trajectory
+from ..cached import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from .trajectory_series import Series

@@ -6,10 +6,9 @@ press it out of the ground besides their own forces, within the same cones, and 
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
+from ..cached import cached_property
 from ..files.arrays import Array
 from .trajectory_measurements import TrajectoryMeasurements
 from .trajectory_series import Series

@@ -6,12 +6,12 @@ says what the joints have to give. Nothing of it is known of a robot that is but
 
 from __future__ import annotations
 
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.legged import walking_robot

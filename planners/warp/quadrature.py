@@ -7,11 +7,11 @@ with the component in front of the derivative, over the X × Y × Z quadrature p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import eigh
 
+from ..cached import cached_property
 from ..files.arrays import Array
 from ..terrain.bspline import CubicBasis
 

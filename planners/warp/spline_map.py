@@ -11,13 +11,13 @@ import hashlib
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.archive import read_archive
 from ..files.arrays import Array, checked, read_only

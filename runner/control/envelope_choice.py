@@ -20,7 +20,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course import Course, Stance
-from stancekit.planners.relaxation.boxes import MIRROR, StanceBoxes, boxes_of, mirrored, mirrored_box
+from stancekit.planners.relaxation.boxes import MIRROR, StanceBoxes, boxes_of, check_fits_one, mirrored, mirrored_box
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
@@ -93,6 +93,10 @@ class SelectorPlanner:
 
     def __init__(self, selector: Predictor, learned: EnvelopeSet, *, programs: Programs | None = None) -> None:
         self._selector, self._learned, self._programs = selector, learned, programs or Programs()
+
+    def check_fits(self, course: Course) -> None:
+        """Raise InvalidInput for a course without a stance by legs and on patches that were learned for."""
+        check_fits_one(course, self._learned)
 
     def solve(self, course: Course) -> PlanOutcome:
         """Answer one course."""

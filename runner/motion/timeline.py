@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.cached import cached_property
 from stancekit.planners.files.arrays import Array, check_numbers
 from stancekit.planners.motion.path import CLEARANCE_M, Moments, PlanPath, Segment
 from stancekit.planners.motion.torques import support_forces

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from types import TracebackType
 from typing import NoReturn, Protocol, Self, runtime_checkable
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
 from stancekit.planners.robot.legged import legged_model

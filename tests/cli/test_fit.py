@@ -48,6 +48,14 @@ def test_the_same_data_and_seed_give_the_same_envelopes(stancekit, labelled, tmp
         (("--share", "0.5"), "share: expected less than 0.5, got 0.5"),
         (("--share", "nan"), "share: expected less than 0.5, got nan"),
         (("--clusters", "0"), "clusters: expected greater than 0, got 0"),
+        (
+            ("--method", "quantile", "--clusters", "3"),
+            "--clusters: expected none for quantile, which has no use for it, got 3",
+        ),
+        (
+            ("--method", "heuristic", "--share", "0.1"),
+            "--share: expected none for heuristic, which has no use for it, got 0.1",
+        ),
         (("--steps", "-1"), "steps: expected greater than 0, got -1"),
         (("--seed", "-1"), "--seed: expected 0 or more, got -1"),
         (("--threshold", "nan"), "--threshold: expected a number in [0, 1), got nan"),

@@ -68,12 +68,12 @@ def steps(env: gym.Env, count: int = 3) -> list[Any]:
     return found
 
 
-def running(name: str, **further: Any) -> gym.Env:
-    """An environment in the middle of what it does."""
-    env = gym.make(name, **{**QUICK[name], **further})
+def running(name: str, done: int) -> gym.Env:
+    """An environment in the middle of what it does, so many steps after its reset."""
+    env = gym.make(name, **QUICK[name])
     env.reset(seed=3)
     env.action_space.seed(5)
-    steps(env, 1)
+    steps(env, done)
     return env
 
 
@@ -101,9 +101,10 @@ def test_info_of_a_reset_has_the_keys_kinds_and_shapes_of_a_step(name):
         assert np.asarray(before[key]).dtype == np.asarray(after[key]).dtype, key
 
 
+@pytest.mark.parametrize("done", [0, 3])
 @pytest.mark.parametrize("name", IDS)
-def test_a_running_environment_is_copied_and_the_copy_goes_on_as_it_does(name):
-    env = running(name)
+def test_a_running_environment_is_copied_and_the_copy_goes_on_as_it_does(name, done):
+    env = running(name, done)
     copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
     expected = steps(env)
     for other in copies:
@@ -216,8 +217,19 @@ def test_an_action_of_no_numbers_is_refused():
             env.step(action)
 
 
-def test_stable_baselines_trains_by_the_name_of_an_environment():
-    ppo = pytest.importorskip("stable_baselines3").PPO
-    model = ppo("MultiInputPolicy", "stancekit/EnvelopeRefinement-v0", n_steps=8, batch_size=8, n_epochs=1)
-    assert model.learn(8).num_timesteps == 8
+AGENTS = [(name, "PPO") for name in IDS] + [("stancekit/EnvelopeSelection-v0", agent) for agent in ("SAC", "TD3")]
+
+
+@pytest.mark.parametrize(("name", "agent"), AGENTS)
+def test_stable_baselines_trains_by_the_name_of_an_environment(name, agent):
+    kind = getattr(pytest.importorskip("stable_baselines3"), agent)
+    count = 2 if "WarpedGait" in name else 8
+    short = {"n_steps": count, "batch_size": count, "n_epochs": 1} if agent == "PPO" else {"learning_starts": 4}
+    model = kind("MultiInputPolicy", name, **short)
+    assert model.learn(count).num_timesteps == count
     assert model.env.render_mode == "rgb_array"
+
+
+def test_agents_of_boxes_are_tried_where_the_actions_are_one():
+    boxes = [name for name in IDS if isinstance(gym.make(name).action_space, gym.spaces.Box)]
+    assert boxes == ["stancekit/EnvelopeSelection-v0"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
+import stancekit
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
 from stancekit.learners.selectors.terrain_rule import TerrainRule
@@ -336,3 +338,60 @@ def test_the_terrain_rule_answers_for_many_environments_at_once():
     views = [made(name).reset(seed=0)[0] for name in ("stairs", "walls")]
     stacked = {name: np.stack([view[name] for view in views]) for name in views[0]}
     assert TerrainRule().predict(stacked)[0].tolist() == [WALKING, CLIMBING]
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory) -> dict[str, Any]:
+    """Networks that have learned next to nothing, of the ground, of walls, and for P1 joined with the lift."""
+    pytest.importorskip("torch")
+    folder, found = tmp_path_factory.mktemp("networks"), dict[str, Any]()
+    rows = {name: stancekit.label(name, folder / name, feasible=6, infeasible=6) for name in ("ground-3", "wall-3")}
+    for name, (kind, method) in {
+        "ground": ("ground-3", "neural"), "wall": ("wall-3", "neural"), "joint": ("ground-3", "joint")
+    }.items():  # fmt: skip
+        found[name] = stancekit.fit(rows[kind], method, neural={"epochs": 1, "margin_epochs": 1})
+        stancekit.save(found[name], folder / f"{name}.safetensors")
+        found[f"{name} file"] = str(folder / f"{name}.safetensors")
+    return found
+
+
+def twenty_steps(envelopes: list[Any]) -> list[float]:
+    env = gymnasium.make("stancekit/Traverse-v0", courses=["stairs"], frames=8, horizon=1, envelopes=envelopes)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    rewards = list[float]()
+    for _ in range(20):
+        _, reward, terminated, truncated, _ = env.step(env.action_space.sample())
+        rewards.append(float(reward))
+        if terminated or truncated:
+            env.reset()
+    return rewards
+
+
+def test_networks_choose_boxes_as_objects_as_files_and_by_name(networks):
+    rewards = twenty_steps([networks["ground"]])
+    assert max(rewards) > 0.0
+    assert twenty_steps([networks["ground file"]]) == rewards
+    assert max(twenty_steps(["neural-ground-3"])) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("wall", "envelopes: expected a selector for the courses, got another: frame 0, stance on "),
+        ("wall file", "envelopes: expected a selector for the courses, got another: frame 0, stance on "),
+        ("joint", "selector: expected one of boxes for P1 alone, got one for P1 joint"),
+        ("joint file", "selector: expected one of boxes for P1 alone, got one for P1 joint"),
+        ("neural-ground-2", "envelopes: expected a selector for the courses, got another: frame 0: expected a stance "),
+        ("neural-ground-9", "neural-ground-9: expected a file, or one of neural-ground-2, "),
+    ],
+)
+def test_selectors_of_other_stances_are_refused_when_they_are_given(name, said, networks):
+    with pytest.raises(InvalidInput) as caught:
+        gymnasium.make("stancekit/Traverse-v0", courses=["stairs"], envelopes=[networks.get(name, name)])
+    assert str(caught.value).startswith(said)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_selector_of_walls_is_taken_where_one_course_is_between_walls(networks):
+    assert gymnasium.make("stancekit/Traverse-v0", courses=["stairs", "walls"], envelopes=[networks["wall"]])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import sys
+import threading
+import time
 from dataclasses import is_dataclass
 from pathlib import Path
 
@@ -105,6 +108,21 @@ def test_a_file_that_failed_is_run_again_when_it_was_mended(tmp_path: Path) -> N
         numbers().get(f"{path}:Mine")
     path.write_text("class Mine: ...\n")
     assert numbers().get(f"{path}:Mine").__name__ == "Mine"
+
+
+def test_a_child_is_forked_off_when_a_file_has_run(tmp_path: Path) -> None:
+    path = tmp_path / "slow.py"
+    path.write_text("import time\ntime.sleep(0.5)\nclass Mine: ...\n")
+    thread = threading.Thread(target=lambda: numbers().get(f"{path}:Mine"))
+    thread.start()
+    time.sleep(0.2)
+    child = multiprocessing.get_context("fork").Process(target=lambda: numbers().get(f"{path}:Mine"))
+    child.start()
+    child.join(20.0)
+    code = child.exitcode
+    child.kill()
+    thread.join()
+    assert code == 0
 
 
 def test_names_that_nobody_has_are_refused_with_those_that_there_are() -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import casadi as cs
 import numpy as np
 
+from ...cached import cached_property
 from ...files.arrays import Array
 from ..transcription.taylor import ExpansionPoint, TaylorMap
 from .chart import Chart

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import casadi as cs
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
+from ...cached import cached_property
 from ...files.arrays import Array
 from .blocks import Block, Compiled, Constraint, TaylorBank, blocks_of, matrix, scattered
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations_with_replacement
 from math import factorial, prod
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING
 import casadi as cs
 import numpy as np
 
+from ...cached import cached_property
 from ...files.arrays import Array
 
 if TYPE_CHECKING:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
+from ...cached import cached_property
 from ...errors import InvalidInput
 from ...files.arrays import Array
 from ..charts.chart import Chart

@@ -40,6 +40,20 @@ def friction_box(request):
 '''
 
 
+NETWORKS = ("chooser", "neural", "joint")
+SHORT = {
+    "gmm": {"steps": 2},
+    "gmm-printed": {"time_limit_s": 5.0},
+    "ga": {"genetic": {"population": 4, "generations": 1, "terrains": 4}},
+    "gradient": {"steps": 2},
+    "chooser": {"boxes": 2, "steps": 2, "chooser": {"epochs": 1}},
+    "neural": {"neural": {"epochs": 1, "margin_epochs": 1}},
+    "joint": {"neural": {"epochs": 1, "margin_epochs": 1}},
+}
+"""Settings with which a method is quick, and learns next to nothing."""
+ALL = ["quantile", "heuristic", *SHORT, "own", "own by name", "shipped"]
+
+
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory) -> stancekit.Dataset:
     return stancekit.label("ground-3", tmp_path_factory.mktemp("data") / "rows", feasible=6, infeasible=6)
@@ -60,10 +74,12 @@ def learned(name: str, rows: stancekit.Dataset, board: Path):
     if name == "shipped":
         pytest.importorskip("torch")
         return load_selector("neural-ground-3")
-    return stancekit.fit(rows, name)
+    if name in NETWORKS:
+        pytest.importorskip("torch")
+    return stancekit.fit(rows, name, **SHORT.get(name, {}))
 
 
-@pytest.mark.parametrize("name", ["quantile", "heuristic", "own", "own by name", "shipped"])
+@pytest.mark.parametrize("name", ALL)
 def test_a_copy_answers_as_the_original_does(name, rows, board):
     one = learned(name, rows, board)
     seen = scenes_of(rows)[0].observation
@@ -72,10 +88,11 @@ def test_a_copy_answers_as_the_original_does(name, rows, board):
         assert (other.problem_class, other.boxes, other.provenance) == (one.problem_class, one.boxes, one.provenance)
 
 
-@pytest.mark.parametrize("name", ["quantile", "own", "own by name"])
+@pytest.mark.parametrize("name", ALL)
 def test_another_process_reads_the_pickle(name, rows, board, tmp_path):
     kept = tmp_path / "kept.pickle"
-    kept.write_bytes(pickle.dumps(learned(name, rows, board)))
+    one = learned(name, rows, board)
+    kept.write_bytes(pickle.dumps(one))
     seen = scenes_of(rows)[0].observation
     np.savez(tmp_path / "seen.npz", **seen)
     script = (
@@ -83,11 +100,12 @@ def test_another_process_reads_the_pickle(name, rows, board, tmp_path):
         f"print(one.selector.predict(dict(np.load({str(tmp_path / 'seen.npz')!r})))[0].tolist())"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert done.stdout.strip() == str(learned(name, rows, board).selector.predict(seen)[0].tolist())
+    assert done.stdout.strip() == str(one.selector.predict(seen)[0].tolist())
 
 
-def test_a_selector_of_a_file_is_judged_in_workers_as_here(rows, board):
-    one = learned("own", rows, board)
+@pytest.mark.parametrize("name", ["own", "quantile", "chooser", "neural"])
+def test_a_selector_is_judged_in_workers_as_here(name, rows, board):
+    one = learned(name, rows, board)
     scenes = scenes_of(rows) * 20  # more than one chunk
     given = {"problem_class": rows.problem_class, "projections": ("fix-p",)}
     here = evaluate("own", one, scenes, **given)

@@ -1,0 +1,87 @@
+"""A planner that is handed over as an object is believed as far as the verifier accepts what it has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import stancekit
+from stancekit import Outcome, PlanOutcome, Status
+from stancekit.planners.search.exact import ExactPlanner
+
+
+class Says:
+    """Answers every question so."""
+
+    name = "mine"
+
+    def __init__(self, answer: Any) -> None:
+        self.answer = answer
+
+    def solve(self, _: Any) -> Any:
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture(scope="module")
+def held() -> Outcome:
+    return stancekit.solve(stancekit.sample("ground-3", rng=3)[0])
+
+
+@pytest.fixture(scope="module")
+def refuted() -> Outcome:
+    return stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
+
+
+def test_a_posture_that_does_not_hold_is_refused(held):
+    floating = replace(held.posture, forces_n=0.0 * held.posture.forces_n)
+    outcome = stancekit.solve(held.problem, Says(replace(held, posture=floating, method="mine")))
+    assert (outcome.status, outcome.posture) == (Status.UNDECIDED, None)
+    assert outcome.message.startswith("witness refused: rejected: worst is force_balance")
+
+
+def test_a_proof_of_another_problem_is_refused(held, refuted):
+    outcome = stancekit.solve(held.problem, Says(replace(refuted, problem=held.problem)))
+    assert (outcome.status, outcome.certificate) == (Status.UNDECIDED, None)
+
+
+@pytest.mark.parametrize("status", [Status.FEASIBLE, Status.INFEASIBLE])
+def test_a_claim_without_evidence_is_undecided(status, held):
+    outcome = stancekit.solve(held.problem, Says(Outcome(status=status, method="mine")))
+    assert (outcome.status, outcome.claim) == (Status.UNDECIDED, status.value)
+    course = stancekit.load("stairs")
+    planned = stancekit.plan(course, Says(PlanOutcome(status=status, method="mine")))
+    assert (planned.status, planned.plan, planned.certificate) == (Status.UNDECIDED, None, None)
+
+
+def test_evidence_that_is_accepted_counts(held, refuted):
+    for whole, evidence in ((held, held.posture), (refuted, refuted.certificate)):
+        for answer in (whole, evidence):
+            outcome = stancekit.solve(whole.problem, Says(answer))
+            assert outcome.status is whole.status
+            assert outcome.method == "mine"
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (
+            "feasible",
+            "method mine: expected an Outcome, a Posture, a Certificate or None, got a str, 'feasible'",
+        ),
+        (KeyError("two\nlines"), r"method mine: KeyError: 'two\nlines'"),
+    ],
+)
+def test_what_is_no_answer_is_one_line(answer, said, held):
+    with pytest.raises(stancekit.InvalidInput) as caught:
+        stancekit.solve(held.problem, Says(answer))
+    assert str(caught.value) == said
+
+
+def test_a_planner_of_the_package_is_asked_itself(held):
+    planner = ExactPlanner()
+    assert stancekit.solve(held.problem, planner).lower_bound == held.lower_bound
+    assert stancekit.solve(held.problem, planner).method == held.method
