@@ -52,7 +52,7 @@ class Links:
         """For each link what it looks like, or where that cannot be had what it collides with."""
         for link in self.model.mounts:
             own = [shape for shape in self.model.shapes if shape.link == link]
-            seen = [shape for shape in own if not shape.collides and (shape.kind != "mesh" or shape.mesh is not None)]
+            seen = [shape for shape in own if not shape.collides and (shape.kind != "mesh" or _drawable(shape))]
             yield from seen or [shape for shape in own if shape.collides]
 
     @cached_property
@@ -112,11 +112,17 @@ class Links:
         return Body(name=name, shape=mesh, position_m=place, rotation=rotation, colour=colour)
 
 
+def _drawable(shape: Shape) -> bool:
+    """Whether a mesh's file is at hand, or its hull is known, as it is of a robot that a plan's file carries."""
+    return shape.mesh is not None or shape.corners_m is not None
+
+
 def _mesh(shape: Shape) -> Mesh | None:
-    """One shape in its own frame; None for what cannot be had or is flat."""
+    """One shape in its own frame, by its hull where its mesh is not at hand; None for what is flat or unknown."""
     if shape.kind == "mesh":
         found = None if shape.mesh is None else thinned_mesh(shape.mesh, shape.size_m, TRIANGLES)
-        return None if found is None or not len(found.faces) else Mesh(found.vertices_m, found.faces)
+        if found is not None and len(found.faces):
+            return Mesh(found.vertices_m, found.faces)
     try:
         points = shape_points(shape)
         return None if points is None else hull(points)

@@ -59,7 +59,7 @@ class Bodies:
         self.model = kinematics.model
         known = kinematics.known
         self._data, self._terrain = known.createData(), terrain
-        shapes, missing = _link_shapes(kinematics.model)
+        shapes, missing = link_shapes(kinematics.model)
         self.missing = (*missing, *self.model.gaps)
         self.links = [shape.link for shape, _ in shapes]
         frames = [known.getFrameId(link, self._pin.FrameType.BODY) for link in self.links]
@@ -302,7 +302,7 @@ def _neighbours(known: Any, one: int, other: int) -> bool:
     return one == other or known.parents[one] == other or known.parents[other] == one
 
 
-def _link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
+def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
     """The shapes of a robot's links with points whose hulls they are, and what has no shape, one line each.
 
     Meshes that cannot be had have none, and long parts of legs that their file gives no shape.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,8 @@ from stancekit.views.page import page
 from stancekit.views.scene import Body
 from stancekit.views.shapes import Capsule, Mesh, mesh_of
 from stancekit.views.sheet import to_rgb
+from tests.planners.motion.test_walk_joints import leaning
 from tests.planners.robot.small_urdfs import quadruped
-from tests.planners.robot.test_walk_joints import leaning
 
 pin = pytest.importorskip("pinocchio")
 TURN = np.array(pin.exp3(np.array([0.2, -0.3, 0.5])))
@@ -115,6 +116,22 @@ def test_meshes_of_files_are_drawn_with_few_triangles_and_legs_share_them(tmp_pa
         mesh = links.meshes[leg, 2]
         assert isinstance(mesh, Mesh)
         assert 300 < len(mesh.faces) < 3000 + 1000  # and the ball at the foot
+
+
+def test_a_robot_whose_meshes_are_not_at_hand_is_drawn_by_the_hulls_that_its_file_carries() -> None:
+    looks = BLOCK.format("visual", '<mesh filename="package://elsewhere/shank.stl"/>')
+    body = BLOCK.format("collision", '<mesh filename="package://elsewhere/shank.stl"/>')
+    cube = np.array(list(product((-0.02, 0.02), repeat=3)))
+    for what, first in ((looks, False), (body, True), (looks + body, True)):
+        model = model_of(dressed(what))
+        shapes = tuple(
+            replace(shape, corners_m=cube) if shape.kind == "mesh" and shape.collides == first else shape
+            for shape in model.shapes
+        )
+        bodies = by_name(Links(replace(model, shapes=shapes)).bodies(COM, TURN, bent(model)))
+        shanks = [bodies[f"{leg.name} link {len(leg.joints) - 1}"] for leg in model.legs]
+        assert [len(points(shank)) >= 8 for shank in shanks] == [True] * 4
+        assert not any("bar" in name for name in bodies)
 
 
 def test_a_walk_is_drawn_with_the_joints_of_its_own_legs() -> None:

@@ -6,9 +6,9 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import catalogue as module
+from stancekit.planners.robot.bodies import link_shapes
 from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
 from stancekit.planners.robot.robot_file import named_robot, read_keys
-from stancekit.planners.robot.solids import link_shapes
 from stancekit.planners.robot.walker import named_walker
 
 pytest.importorskip("pinocchio")
