@@ -248,17 +248,59 @@ def with_balls(
     return ElementTree.tostring(root, encoding="unicode") if changed else "", tuple(changed)
 
 
-def check_contacts(legs: Sequence[Leg], name: str) -> None:
-    """Raise InvalidInput for legs of which nobody knows what touches."""
+def check_contacts(
+    legs: Sequence[Leg], name: str, shapes: Sequence[Shape], mounts: Mapping[str, Mount]
+) -> None:
+    """Raise InvalidInput for legs of which nobody knows what touches, with an example of what a YAML file may say."""
     doubts = dict[str, list[str]]()
     for leg in legs:
         if leg.doubt:
             doubts.setdefault(leg.doubt, []).append(leg.foot)
     if doubts:
         said = "; ".join(f"{', '.join(links)} {text}" for text, links in doubts.items())
+        example = _example(next(leg for leg in legs if leg.doubt), shapes, mounts)
         raise InvalidInput(
-            f"robot {name}: expected feet that are balls or that its YAML file describes: {said}"
+            f"robot {name}: expected feet that are balls or that its YAML file describes: {said} {example}"
         )
+
+
+def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> str:
+    """The key of a YAML file for a leg's foot: the ball nearest to its shape, or the point at its end."""
+    solid = solid_shapes([shape for shape in shapes if shape.link == leg.foot])
+    corners = [
+        shape.origin_m + points @ shape.rotation.T
+        for shape in solid
+        if (points := shape_points(shape)) is not None
+    ]
+    mount = mounts[leg.foot]
+    middle, radius_m = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m), 0.0
+    why = "the point at its end"
+    if corners and (ball := _nearest_ball(np.vstack(corners))) is not None:
+        middle, radius_m = ball[:2]
+        why = f"the ball nearest to its shape, {1e3 * ball[2]:.1f} mm off at most"
+    point = ", ".join(f"{round(float(value), 4) + 0.0:g}" for value in middle)
+    return f"e.g. {{{leg.foot}: {{point_m: [{point}], radius_m: {radius_m:.4g}}}}}, {why}"
+
+
+def _nearest_ball(points_m: Array) -> tuple[Array, float, float] | None:
+    """Centre and radius of the ball of least squares about corners, shape (V, 3), and how far they are from it [m].
+
+    None where more than a tenth of the corners are nearer to its centre than half of its radius: a rod is no ball.
+    """
+    middle, away = _about(points_m)
+    radius_m = float(away.max())
+    if len(points_m) < 4 or float(np.quantile(away, 0.1)) < 0.5 * radius_m:
+        return None
+    return middle, radius_m, radius_m - float(away.min())
+
+
+def _about(points_m: Array) -> tuple[Array, Array]:
+    """The centre of the sphere of least squares, shape (3,), and how far points, shape (V, 3), are from it [m]."""
+    shift = points_m.mean(axis=0)
+    rows = np.column_stack([2.0 * (points_m - shift), np.ones(len(points_m))])
+    squares = np.sum((points_m - shift) ** 2, axis=1)
+    middle = np.linalg.lstsq(rows, squares, rcond=None)[0][:3] + shift
+    return middle, np.linalg.norm(points_m - middle, axis=1)
 
 
 def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
@@ -268,12 +310,7 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
 
     if len(points_m) < 4:
         return None
-    shift = points_m.mean(axis=0)
-    rows = np.column_stack([2.0 * (points_m - shift), np.ones(len(points_m))])
-    middle = (
-        np.linalg.lstsq(rows, np.sum((points_m - shift) ** 2, axis=1), rcond=None)[0][:3] + shift
-    )
-    away = np.linalg.norm(points_m - middle, axis=1)
+    middle, away = _about(points_m)
     radius_m = float(away.max())
     least = radius_m - min(ROUND * radius_m, FARTHER_M)
     if not float(np.quantile(away, NECK)) >= least:

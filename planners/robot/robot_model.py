@@ -133,7 +133,7 @@ class RobotModel:
         what a leg touches with, or which way is up."""
         if self.gaps:
             raise InvalidInput(f"robot {self.name}: {self.gaps[0]}")
-        check_contacts(self.legs, self.name)
+        check_contacts(self.legs, self.name, self.shapes, self.mounts)
 
     def leg(self, name: str) -> Leg:
         """The leg of a name. Raises InvalidInput for one that is not there."""

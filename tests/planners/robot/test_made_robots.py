@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.hulls import hull_corners
 from stancekit.planners.robot.legged import robot_of
-from stancekit.planners.robot.robot_file import named_robot
-from stancekit.planners.robot.robot_model import RobotModel
+from stancekit.planners.robot.robot_file import ContactKeys, named_robot
+from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.planners.search.methods import PlannerOptions, make_course_planner
@@ -77,8 +78,13 @@ def test_of_any_other_shape_a_person_has_to_say_what_touches(shape: str, kind: s
     model = read(f"{shape}-{place}", tmp_path)
     foot = "shank" if place == "on-shank" else "foot"
     assert f"links LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot}: touches with a {kind}" in said(model)
-    with pytest.raises(InvalidInput, match=rf"LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot} touches with a {kind}"):
+    names = rf"LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot} touches with a {kind}: say .* e\.g\. "
+    with pytest.raises(InvalidInput, match=names) as refusal:
         walker_of(model, [])
+    example = yaml.safe_load(re.findall(r"e\.g\. (\{.*\}\}), the (?:ball|point)", str(refusal.value))[0])
+    assert set(example) == {f"LF_{foot}"}
+    contact = ContactKeys(**example[f"LF_{foot}"]).contact()
+    model_of(model.urdf, folder=tmp_path, contacts={f"*_{foot}": contact}).check_known()
 
 
 @pytest.mark.parametrize("name", ["capsule-on-shank", "box-in-a-ball", "y-up-told"])
