@@ -112,8 +112,11 @@ class Simulate:
 
 
 def _message(report: RunReport, run: Execution) -> str:
-    """Why it failed: what was off the plan, or else what stopped it."""
-    return run.message or report.message
+    """Why it failed: what stopped it before its end, or else what was off the plan."""
+    if report.stopped_s is None:
+        return run.message or report.message
+    done = f"{report.frames_done:.0f} of {report.frames:.0f} {report.counted}"
+    return f"stopped after {done}: {report.message}"
 
 
 def _record(report: RunReport, run: Execution) -> dict[str, Any]:
@@ -129,7 +132,8 @@ def _table(report: RunReport, run: Execution) -> Table:
         1e3 * value for value in (run.com_final_m, run.com_worst_m, float(run.slip_m.max()), run.shift_m, run.error_m)
     )
     done, message = report.succeeded, _message(report, run)
-    table.add_row("verdict", Text("executed as planned" if done else "failed", style="green" if done else "red"))
+    verdict = "executed as planned" if done else "failed" if report.stopped_s is None else "stopped"
+    table.add_row("verdict", Text(verdict, style="green" if done else "red"))
     if message:
         table.add_row("", message)
     table.add_row("centre of mass", f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most")

@@ -4,10 +4,12 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from stancekit.cli.simulate import _message
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
@@ -79,3 +81,11 @@ def test_bad_options_are_refused_before_anything_moves(options, said, file, stan
     ran = stancekit("simulate", file, *options)
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith(f"stancekit: error: {said}")
+
+
+def test_a_run_that_was_stopped_says_so_before_how_far_it_was_from_its_end():
+    off = SimpleNamespace(message="the centre of mass ended 529 mm from the plan's")
+    report = SimpleNamespace(stopped_s=None, frames_done=2.0, frames=12.0, counted="key frames", message="off")
+    assert _message(report, off) == off.message
+    report.stopped_s, report.message = 17.0, "signal SIGTERM"
+    assert _message(report, off) == "stopped after 2 of 12 key frames: signal SIGTERM"
