@@ -25,7 +25,7 @@ from _bench import Options, launch
 
 LOOPBACK = "127.0.0.2"  # Ray replaces 127.0.0.1 by the machine's address
 STORE = "--object-store-memory=100000000"
-LABEL = ("wall-3", "--feasible", "60", "--infeasible", "60", "--seed", "3", "--shard-size", "10")
+LABEL = ("wall-3", "--feasible", "600", "--infeasible", "600", "--seed", "3", "--shard-size", "30")
 
 
 @dataclass(frozen=True, kw_only=True)
