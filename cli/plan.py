@@ -255,7 +255,7 @@ class PlanCourse:
         if (model := plan.course.robot.model) is not None:
             yield from (f"cannot be run: {line}" for line in model.unrunnable)
         if (at := outcome.message.find(LATE)) >= 0:
-            yield f"{outcome.message[at:]}; --time-limit-s, {self.time_limit_s:g} now, gives it more"
+            yield f"{outcome.message[at:]}; --time-limit-s sets it, now to {self.time_limit_s:g} s"
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"
