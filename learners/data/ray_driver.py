@@ -52,6 +52,7 @@ def main(pipe: Connection, address: str) -> None:
 def joined(address: str, pipe: Connection) -> Any:
     """Ray, connected. The other side hears when the cluster is asked, and when it has let us in. Raises Refused."""
     import ray
+
     raylet: Any = import_module("ray._raylet")  # its stubs lack the client
 
     options: dict[str, Any] = {"address": address, "logging_level": logging.CRITICAL, "log_to_driver": False}
