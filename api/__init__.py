@@ -38,18 +38,28 @@ if TYPE_CHECKING:
     from .planners.problem.course import Course as Course
     from .planners.problem.posture import Contact as Contact
     from .planners.problem.posture import PostureProblem as PostureProblem
+    from .planners.projection.whole_body_limits import WholeBodyLimits as WholeBodyLimits
     from .planners.relaxation.envelope import Envelope as Envelope
     from .planners.relaxation.envelope import EnvelopeSet as EnvelopeSet
     from .planners.robot.model import Limb as Limb
     from .planners.robot.model import Robot as Robot
     from .planners.robot.model import hexapod as hexapod
+    from .planners.search.methods import Decoupled as Decoupled
+    from .planners.search.methods import Exact as Exact
+    from .planners.search.methods import Micp as Micp
+    from .planners.search.methods import Nlp as Nlp
+    from .planners.search.methods import TwoStage as TwoStage
+    from .planners.terrain.footholds import FootholdLimits as FootholdLimits
+    from .planners.terrain.footholds import Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
     from .postures import sample as sample
     from .postures import solve as solve
+    from .robots import robot as robot
     from .selectors import evaluate as evaluate
     from .selectors import fit as fit
     from .selectors import label as label
+    from .terrains import terrain as terrain
     from .walks import walk as walk
 
     __version__: str
@@ -71,8 +81,13 @@ _HOMES = {
     "planners.robot.model": ("Limb", "Robot", "hexapod"),
     "planners.terrain.heightfield": ("HeightField",),
     "planners.terrain.patch": ("Patch",),
+    "planners.projection.whole_body_limits": ("WholeBodyLimits",),
+    "planners.search.methods": ("Decoupled", "Exact", "Micp", "Nlp", "TwoStage"),
+    "planners.terrain.footholds": ("FootholdLimits", "Footholds"),
     "postures": ("sample", "solve"),
+    "robots": ("robot",),
     "selectors": ("evaluate", "fit", "label"),
+    "terrains": ("terrain",),
     "walks": ("walk",),
 }
 """Where each name lives: what the imports above say to type checkers, said to the interpreter (compared by a test)."""

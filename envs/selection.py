@@ -85,7 +85,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | scenes | None | a source that replaces ``problem``'s and ``balanced``, or a data set's folder, see above |
     | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
-    | relaxation | 'p1' | 'joint': P1 with the lift, linked (``planners.relaxation.joint``), over one box |
+    | relaxation | 'p1' | 'coned': with friction cones; 'joint': linked with the lift, over one box; "FILE.py:NAME" |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
     | weights | RewardWeights() | what a step is worth; or a mapping with some of its keys |
     | backend | 'clarabel' | who solves P1: 'moreau' solves the batches of ``make_vec`` on a CUDA device, see below |

@@ -23,9 +23,8 @@ from stancekit.planners.files.validation import shown, typed
 from stancekit.planners.formats.answer_file import read_envelopes
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.joint import Joint, RelaxationName
-from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
+from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.verify import check_postures
 
 from .scene_sources import Problem, SceneOptions, SceneSettings
@@ -77,7 +76,7 @@ class _Trial:
 
 
 Asked = tuple[tuple[Envelope, ...], Array | None]
-"""Boxes, and for "joint" the point of the one."""
+"""Boxes, and for relaxations about a point that of the one."""
 
 
 class SelectionOptions(SceneOptions, total=False):
@@ -85,7 +84,7 @@ class SelectionOptions(SceneOptions, total=False):
 
     boxes: int
     library: EnvelopeSet | str | Path | None
-    relaxation: RelaxationName
+    relaxation: str
     projections: Sequence[Projection]
     weights: RewardWeights | Mapping[str, float]
     backend: Backend
@@ -98,7 +97,7 @@ class SelectionSettings(SceneSettings):
 
     boxes: int = 1
     library: EnvelopeSet | str | Path | None = None
-    relaxation: RelaxationName = "p1"
+    relaxation: str = "p1"
     projections: Sequence[Projection] = ("fix-p",)
     weights: RewardWeights | Mapping[str, float] = RewardWeights()
     backend: Backend = "clarabel"
@@ -111,9 +110,14 @@ class SelectionSettings(SceneSettings):
         for name in self.projections:
             PROJECTIONS.get(name)
         checked_int(self.boxes, "boxes", least=1)
-        if self.relaxation == "joint" and (self.boxes, self.library) != (1, None):
+        asked = RELAXATIONS.get(self.relaxation)
+        if not asked.over_boxes:
+            raise InvalidInput(f"relaxation: expected one over boxes, which an action chooses, got {self.relaxation}")
+        if asked.about_points and (self.boxes, self.library) != (1, None):
             got = f"{self.boxes} boxes and {'no' if self.library is None else 'a'} library"
-            raise InvalidInput(f"relaxation: expected joint over one box without a library, got it with {got}")
+            raise InvalidInput(
+                f"relaxation: expected {self.relaxation} over one box without a library, got it with {got}"
+            )
 
     @property
     def rewards(self) -> RewardWeights:
@@ -135,7 +139,7 @@ class SelectionTask:
         self._count = len(chosen.legs)
         self._boxes = settings.boxes
         self._library = read_envelopes(library) if isinstance(library, str | Path) else library
-        self._relaxation: RelaxationName = settings.relaxation
+        self._relaxation = RELAXATIONS.get(settings.relaxation)
         self._projections = tuple(settings.projections)
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
         self._nothing: dict[str, Any] = {
@@ -153,7 +157,7 @@ class SelectionTask:
 
     def _make_action_space(self) -> spaces.Space[Any]:
         if self._library is None:
-            each = 18 if self._relaxation == "joint" else 12
+            each = 18 if self._relaxation.about_points else 12
             return spaces.Box(-1.0, 1.0, (self._boxes * each * self._count,), np.float32)
         if self._library.problem_class != self._problem or len(self._library.legs) != self._count:
             learned = f"{self._library.problem_class} and the legs {', '.join(self._library.legs)}"
@@ -205,10 +209,7 @@ class SelectionTask:
             these = [index for index, one in enumerate(scaled) if one.layout == layout]
             problems, boxes = [scaled[index] for index in these], [asked[index][0] for index in these]
             points = [point for index in these if (point := asked[index][1]) is not None]
-            if self._relaxation == "joint":
-                answers = self._programs.get(Joint, layout).solve_each(problems, [box for (box,) in boxes], points)
-            else:
-                answers = self._programs.get(McCormick, layout).solve_any_of_each(problems, boxes)
+            answers = self._relaxation.answers(self._programs, problems, boxes, points)
             found |= zip(these, answers, strict=True)
         return [found[index] for index in range(len(scaled))]
 
@@ -227,7 +228,7 @@ class SelectionTask:
         )  # fmt: skip
 
     def _envelopes(self, action: NDArray[np.float32] | np.int64) -> Asked:
-        """The boxes of an action, and for "joint" the point of the one."""
+        """The boxes of an action, and for relaxations about a point that of the one."""
         if np.shape(action) != self.action_space.shape:
             raise InvalidInput(f"action: expected shape {self.action_space.shape}, got {np.shape(action)}")
         if self._library is not None:
@@ -235,7 +236,7 @@ class SelectionTask:
                 raise InvalidInput(f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}")
             return (self._library.envelopes[int(action)],), None
         flat = _numbers(action)
-        if self._relaxation == "joint":
+        if self._relaxation.about_points:
             bounds, point = np.split(flat, [12 * self._count])
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
         return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None

@@ -153,7 +153,7 @@ class Runner:
         path = self._path(prepared, state, first.angles_rad)
         if self.world.real and not self.world.dry:
             self.decide("armed", "torque on, at the measured pose")
-        self.world.arm(prepared.motion.content, prepared.digest)
+        self.world.arm()
         if (evidence := self.world.evidence) and not self.world.dry:
             self.decide("e-stop", evidence)
         far = float(np.abs(state.angles_rad - first.angles_rad).max())

@@ -14,7 +14,6 @@ from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import write_boxes
 from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.joint import RelaxationName
 
 
 class Selector(Protocol):
@@ -61,7 +60,7 @@ class Learned:
     selector: Selector
     problem_class: str
     boxes: int = 1
-    relaxation: RelaxationName = "p1"
+    relaxation: str = "p1"
     suffix: str = ".safetensors"
 
     @classmethod
@@ -88,7 +87,7 @@ class Learned:
             raise InvalidInput(f"{name}: expected {message}")
 
         of = getattr(found, "problem_class", problem_class)
-        relaxation: RelaxationName = getattr(found, "relaxation", "p1")
+        relaxation = str(getattr(found, "relaxation", "p1"))
         return cls(selector=found, problem_class=of, boxes=getattr(found, "boxes", 1), relaxation=relaxation)
 
     def write(self, path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 import stancekit
 
 VERBS = ("draw", "evaluate", "explain", "fit", "label", "load", "plan", "sample", "save", "solve", "verify", "walk")
-BY_NAME = {("fit", "settings")}
+BY_NAME = {("fit", "settings"), ("solve", "old"), ("plan", "old")}
 """Arguments that have names of their own, checked by who knows them."""
 
 
