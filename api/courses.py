@@ -12,6 +12,7 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked as checked_number
+from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
@@ -89,7 +90,9 @@ def plan(
     beside = ("course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "time_limit_s")
     given = old_arguments("plan", old, OLD, beside) if old else {}
     method = given.pop("planner", method)
-    programs = Programs(engine=given.pop("engine", "rows"))
+    engine: Any = given.pop("engine", "rows")
+    checked_choice(engine, "engine", ("rows", "cvxpy"))
+    programs = Programs(engine=engine)
     moved = {LIMITS[name]: given.pop(name) for name in LIMITS if name in given}
     limits = WholeBodyLimits(**moved) if moved else body
     if method != "two-stage":

@@ -6,9 +6,6 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
-from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import neighbour
-
 
 def old_arguments(verb: str, old: Mapping[str, Any], new: Mapping[str, str], beside: tuple[str, ...]) -> dict[str, Any]:
     """The old arguments of a call, after a ``DeprecationWarning`` about each.
@@ -17,11 +14,12 @@ def old_arguments(verb: str, old: Mapping[str, Any], new: Mapping[str, str], bes
     old: what it was called with beside its parameters.
     new: by old argument the form that replaces it.
     beside: its parameters, for the message.
-    Raises InvalidInput for an argument that never was one.
+    Raises TypeError for an argument that never was one, as a call of any function does.
     """
     for name in old:
         if name not in new:
-            known = neighbour(name, [*beside, *new])
-            raise InvalidInput(f"{name}: expected one of {', '.join(beside)}, got an unknown argument{known}")
+            raise TypeError(
+                f"stancekit.{verb}: got an unexpected keyword argument {name!r}; it takes {', '.join(beside)}"
+            )
         warnings.warn(f"{verb}({name}=...) is old: {new[name]}", DeprecationWarning, stacklevel=4)
     return dict(old)

@@ -78,14 +78,20 @@ class AcceptedGait:
         record = read_trajectory(path)
         if not record.verified:
             raise InvalidInput(f"{path}: expected a gait that the verifier accepted, this one it rejected")
-        report = check_trajectory(record.trajectory)
-        if not report.accepted:
-            raise InvalidInput(f"{path}: expected a gait that the verifier accepts as its file says: {report.message}")
-        if report.digest != record.verdict.get("digest"):
+        found = cls.verified(record.trajectory, str(path))
+        if found.digest != record.verdict.get("digest"):
             raise InvalidInput(f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise")
-        _check_hindrance(report, str(path))
-        robot = walking_robot(record.trajectory.robot)
-        return cls(trajectory=record.trajectory, robot=robot, digest=report.digest, source=str(path))
+        return found
+
+    @classmethod
+    def verified(cls, trajectory: Trajectory, source: str) -> AcceptedGait:
+        """Verify a gait now. Raises InvalidInput for one that is rejected, or whose robot's joints are not known."""
+        report = check_trajectory(trajectory)
+        if not report.accepted:
+            raise InvalidInput(f"{source}: expected a gait that the verifier accepts, it says: {report.message}")
+        _check_hindrance(report, source)
+        robot = walking_robot(trajectory.robot)
+        return cls(trajectory=trajectory, robot=robot, digest=report.digest, source=source)
 
     @property
     def name(self) -> str:

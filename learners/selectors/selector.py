@@ -51,10 +51,21 @@ class FixedSelector(MemorylessPolicy):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Learned:
-    """A selector and what it takes to roll it out and to keep it.
+    """A selector and what it takes to roll it out and to keep it; it can be copied and pickled.
 
-    problem_class: what it was learned for; boxes: how many its action holds; relaxation: the P1 that they are for;
-    suffix: its file's usual one. It can be copied and pickled.
+    Arguments:
+        selector: chooses boxes for an observation.
+        problem_class: what it was learned for.
+        boxes: how many its action holds.
+        relaxation: the P1 that they are for, a name of ``RELAXATIONS``.
+        suffix: its file's usual one.
+    Source:
+        Paper E §III-B.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
+        >>> stancekit.fit(train, "quantile").problem_class
+        'wall-3'
     """
 
     selector: Selector

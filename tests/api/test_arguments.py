@@ -8,8 +8,13 @@ import pytest
 
 import stancekit
 
-VERBS = ("draw", "evaluate", "explain", "fit", "label", "load", "plan", "sample", "save", "solve", "verify", "walk")
-BY_NAME = {("fit", "settings"), ("solve", "old"), ("plan", "old")}
+VERBS = (
+    "draw", "evaluate", "explain", "export", "film", "fit", "label", "load", "plan", "robot", "run", "sample", "save",
+    "simulate", "solve", "terrain", "verify", "walk",
+)  # fmt: skip
+BY_NAME = {
+    ("fit", "settings"), ("label", "old"), ("plan", "old"), ("solve", "old"), ("terrain", "meaning"), ("walk", "task"),
+}  # fmt: skip
 """Arguments that have names of their own, checked by who knows them."""
 
 
@@ -35,13 +40,17 @@ def fine() -> dict[str, dict[str, Any]]:
     """A good value of every required argument."""
     problem = stancekit.sample("wall-3", rng=8)[0]
     certificate = stancekit.solve(problem).certificate
+    level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+    walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").trajectory
     return {
         "sample": {"problems": "wall-3"}, "solve": {"problem": problem}, "plan": {"course": "stairs"},
         "walk": {"terrain": "ripple", "goal_xy_m": (1.0, 0.0)}, "verify": {"subject": problem},
         "explain": {"subject": problem, "certificate": certificate}, "draw": {"subject": problem},
         "label": {"problems": "wall-3", "folder": "data"}, "fit": {"dataset": "data"},
         "evaluate": {"selector": "e.json", "dataset": "data"}, "load": {"path": "a"},
-        "save": {"thing": problem, "path": "a.json"},
+        "save": {"thing": problem, "path": "a.json"}, "robot": {"source": "hexapod"}, "terrain": {"source": "ripple"},
+        "film": {"motion": walk, "out": "a.mp4"}, "export": {"dataset": "data", "folder": "minari"},
+        "simulate": {"motion": walk}, "run": {"motion": walk},
     }  # fmt: skip
 
 
@@ -75,7 +84,7 @@ def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, A
 @pytest.mark.parametrize(
     ("verb", "arguments", "options", "begins", "ends"),
     [
-        ("walk", ["ripple"], {}, "stancekit.walk: missing a required argument: 'goal_xy_m'; it takes ", ", total_s"),
+        ("walk", ["ripple"], {}, "stancekit.walk: missing a required argument: 'goal_xy_m'; it takes ", ", time_limit_s"),
         ("solve", [], {"p": 1}, "stancekit.solve: missing a required argument: 'problem'; it takes problem, ", ""),
         ("plan", ["walls"], {"friction": 1}, "stancekit.plan: got an unexpected keyword argument 'friction'; it t", ""),
     ],
