@@ -219,8 +219,7 @@ def _rows(rows: tuple[int, int] | int, old: dict[str, Any]) -> dict[str, Any]:
         check_argument(name, value, bool if name == "natural" else int)
     if old:
         return {"feasible": 500, "infeasible": 500, **old}
-    several = isinstance(rows, tuple)
-    if not several or len(rows) != 2:
+    if not isinstance(rows, tuple) or len(rows) != 2:
         check_argument("rows", rows, int)
         return {"feasible": rows, "infeasible": 0, "natural": True}
     for count in rows:

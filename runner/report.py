@@ -33,8 +33,8 @@ class RunReport:
         seconds: of the motion [s].
         pace: of that asked for; bound_by: what slowed it down.
         sent, clipped, refused: commands, see ``SafeWorld``.
-        joint_worst_rad, joint_rms_rad: measured against planned angles, NaN where the motion never began; joint_worst: the
-            joint, then empty.
+        joint_worst_rad, joint_rms_rad: measured against planned angles, NaN where the motion never began; joint_worst:
+            the joint, then empty.
         body_measured: whether the body's pose was measured; body_from: who told the tracker where it is.
         cycle_s: median and 99th percentile of the control period, from one command to the next [s].
         wall_s: by the clock [s].
@@ -45,8 +45,8 @@ class RunReport:
         needs, loads: of the joints, as planned, and as measured where torques are; None where the motion never began.
         friction: what feet felt of it, as a share of what was planned with, None where body or forces are not measured.
         loop_share: of their stiffness, that joint loops were found to have, 1 where nobody knows.
-        stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine share, None where it
-            was not; after: commands on their way at that moment, whose write returned up to after_s later.
+        stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine share, None where
+            it was not; after: commands on their way at that moment, whose write returned up to after_s later.
     Source:
         Paper E §V.
     Example:

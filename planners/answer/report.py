@@ -99,14 +99,14 @@ class Report:
         answer: what was judged.
         residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
         between: of plans, the largest violation at the points between frames, by recomputation.
-        proved: of plans, steps from frame to frame on which limbs carry all the way; on the others every limb moves at
-            once, and the course asks for the frames only.
-        linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does, at most ‖Θ‖²/2 of its distance
-            from the centre of mass; reported, and decides nothing [m].
+        proved: of plans, steps from frame to frame on which limbs carry all the way; on the others every limb moves
+            at once, and the course asks for the frames only.
+        linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does, at most ‖Θ‖²/2 of its
+            distance from the centre of mass; reported, and decides nothing [m].
         exact_reach_m: how far a toe is out of reach with the exact rotation; likewise [m].
         goal_m: of plans, distance of the last COM from the goal [m].
-        joints, torque, bodies, motion: of plans, the whole body, with a verdict of "checked", "failed", "not checked" or
-            "not asked for".
+        joints, torque, bodies, motion: of plans, the whole body, with a verdict of "checked", "failed", "not checked"
+            or "not asked for".
         defect: why there was nothing to check; empty when there was.
     Source:
         E1-E11.

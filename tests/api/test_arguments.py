@@ -84,7 +84,7 @@ def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, A
 @pytest.mark.parametrize(
     ("verb", "arguments", "options", "begins", "ends"),
     [
-        ("walk", ["ripple"], {}, "stancekit.walk: missing a required argument: 'goal_xy_m'; it takes ", ", time_limit_s"),
+        ("walk", ["ripple"], {}, "stancekit.walk: missing a required argument: 'goal_xy_m'; it t", ", time_limit_s"),
         ("solve", [], {"p": 1}, "stancekit.solve: missing a required argument: 'problem'; it takes problem, ", ""),
         ("plan", ["walls"], {"friction": 1}, "stancekit.plan: got an unexpected keyword argument 'friction'; it t", ""),
     ],
@@ -128,7 +128,7 @@ def test_one_posture_problem_is_a_course_of_one_frame():
 
 def test_something_with_sample_is_labelled_by_the_name_of_its_class(tmp_path):
     one, two = (
-        stancekit.label(Slippery(), tmp_path / f"{workers}", feasible=3, infeasible=3, workers=workers)
+        stancekit.label(Slippery(), tmp_path / f"{workers}", rows=(3, 3), workers=workers)
         for workers in (1, 2)
     )
     assert [p.to_json() for p in one.problems()] == [p.to_json() for p in two.problems()]
