@@ -73,7 +73,7 @@ def test_a_relaxation_of_ones_own_is_named_in_solve_plan_and_the_environment(min
     env.reset(seed=1)
     assert np.isfinite(env.step(env.action_space.sample())[1])
     course = stancekit.load("stairs")
-    with pytest.raises(InvalidInput, match="expected|stance"):  # boxes for three limbs, where six stand
+    with pytest.raises(InvalidInput, match=r"expected|stance"):  # boxes for three limbs, where six stand
         stancekit.plan(course, stancekit.TwoStage(relaxation=name, envelopes=boxes))
 
 
