@@ -71,7 +71,8 @@ def simulate(
     made = _world(world, accepted)
     if made.kind != "simulation":
         made.close()
-        raise InvalidInput(f"world: expected a simulation, got {made.name}, which is {made.kind}")
+        called = world if isinstance(world, str) else made.name
+        raise InvalidInput(f"world: expected a simulation, got {called}, which is {made.kind}")
     runner = Runner(made, settings=settings, progress=progress or _nothing)
     return runner.run(accepted, _ground(accepted, settings))
 

@@ -164,7 +164,10 @@ class Run:
         with as_options("policy"):
             if self.policy is not None:
                 return led_by_policy(self.plan)
-            request = accepted_of(self.plan)
+            try:
+                request = accepted_of(self.plan)
+            except InvalidInput as error:
+                raise InvalidInput(str(error).replace("with a policy", "with --policy")) from None
         if isinstance(request, AcceptedGait) and self.pace != 1.0:
             raise InvalidInput("--pace: expected key frames: a gait runs as planned, or not at all")
         return request
