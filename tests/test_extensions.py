@@ -64,8 +64,7 @@ def test_a_relaxation_of_ones_own_is_named_in_solve_plan_and_the_environment(min
     assert issubclass(RELAXATIONS.get(name), McCormick)
     for problem in problems:
         own, plain = (
-            stancekit.solve(problem, stancekit.TwoStage(relaxation=each, envelopes=boxes))
-            for each in (name, "p1")
+            stancekit.solve(problem, stancekit.TwoStage(relaxation=each, envelopes=boxes)) for each in (name, "p1")
         )
         assert own.details["margin"] <= plain.details["margin"] + 1e-6 or np.isinf(plain.details["margin"])
     gym = pytest.importorskip("gymnasium")

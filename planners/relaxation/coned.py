@@ -42,9 +42,7 @@ class Coned(McCormick):
 
     own_rows: ClassVar[tuple[str, ...]] = ("box_cones",)
 
-    def __init__(
-        self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1
-    ) -> None:
+    def __init__(self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1) -> None:
         super().__init__(layout, axes, soft, boxes)
         counts = np.bincount(layout.candidate_footholds, minlength=layout.footholds)
         foothold = layout.contacts[2]

@@ -28,9 +28,7 @@ class Relaxation(Protocol):
     def __init__(self, layout: Layout) -> None: ...
 
     @classmethod
-    def margin(
-        cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
-    ) -> RelaxationAnswer:
+    def margin(cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """The signed margin over a box: the least t by which the rows of its envelope have to give way.
 
         The relaxation has an answer where t ≤ 0. The margin is inf where not even the rest of the problem has an

@@ -182,13 +182,9 @@ class TwoStage:
             return
         over_boxes = RELAXATIONS.get(self.relaxation).over_boxes
         if over_boxes and self.envelopes is None:
-            raise InvalidInput(
-                f"envelopes: expected an envelope for the relaxation {self.relaxation}, got none"
-            )
+            raise InvalidInput(f"envelopes: expected an envelope for the relaxation {self.relaxation}, got none")
         if not over_boxes and self.envelopes is not None:
-            raise InvalidInput(
-                f"envelopes: expected none for the {self.relaxation}, which has no use for them"
-            )
+            raise InvalidInput(f"envelopes: expected none for the {self.relaxation}, which has no use for them")
 
     def planner(self, options: PlannerOptions) -> Planner:
         """Make the planner of postures."""
@@ -451,9 +447,7 @@ def settings_of(name: str, planners: Registry[Make] = PLANNERS) -> tuple[str, ..
     return tuple(one for one in postures if make is not Micp or one != "projection")
 
 
-def make_planner(
-    method: str | Method, options: PlannerOptions = PlannerOptions(), **settings: Any
-) -> Planner:
+def make_planner(method: str | Method, options: PlannerOptions = PlannerOptions(), **settings: Any) -> Planner:
     """Make a planner of postures.
 
     method: a value with its settings; or the text that stands for one, a name of ``PLANNERS`` or "FILE.py:NAME", with
