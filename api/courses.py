@@ -9,7 +9,7 @@ from typing import Any
 
 from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.arguments import checked
-from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.arrays import checked_choice
@@ -92,7 +92,7 @@ def plan(
     method = given.pop("planner", method)
     engine: Any = given.pop("engine", "rows")
     checked_choice(engine, "engine", ("rows", "cvxpy"))
-    programs = Programs(engine=engine)
+    programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
     moved = {LIMITS[name]: given.pop(name) for name in LIMITS if name in given}
     limits = WholeBodyLimits(**moved) if moved else body
     if method != "two-stage":

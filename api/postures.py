@@ -9,7 +9,7 @@ import numpy as np
 
 from stancekit.planners.answer.outcome import Outcome
 from stancekit.planners.arguments import checked
-from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem import PostureProblem
@@ -117,7 +117,8 @@ def solve(
     if envelopes is not None and hasattr(envelopes, "check_fits"):
         envelopes.check_fits(problem)
     if isinstance(method, str | Method):
-        options = PlannerOptions(time_limit_s=time_limit_s, programs=Programs(engine=engine))
+        programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
+        options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
         return make_planner(method, options, **settings).solve(problem)
     for name, given in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
         if given not in (None, "rows"):

@@ -537,8 +537,10 @@ def _called(planner: object) -> str:
 
 def _copied(options: PlannerOptions, limit_s: float, settings: Mapping[str, Any]) -> PlannerOptions:
     """Options for a planner from elsewhere, which may write to what it is given; with a time limit always."""
+    engine = "rows" if options.programs is None else options.programs.engine
     return replace(
         options,
+        programs=Programs(engine=engine),
         acceptance=replace(options.acceptance),
         time_limit_s=options.limit(limit_s),
         settings=dict(settings),
