@@ -37,7 +37,7 @@ def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
 
         group, ours = NAMES[registry]
         names = list(dict.fromkeys([*ours, *(point.name for point in entry_points(group=group))]))
-        known = [f"default: {default}"] if default else []
+        known = [f"default: {default}"] if default not in ("", "None") else []
         known += [f"one of {', '.join([*names, 'FILE.py:NAME'])}"] if names else []
         return f"({'; '.join(known)})" if known else ""
 

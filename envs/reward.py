@@ -34,6 +34,9 @@ class RewardWeights:
         check_numbers(self, finite=self.__dataclass_fields__)
 
 
+USUAL = RewardWeights()
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
     """What terms are functions of: an action on one scene, judged.
@@ -98,5 +101,5 @@ def weighted(weights: RewardWeights | Mapping[str, float]) -> dict[str, tuple[fl
         try:
             found[key] = weight, TERMS.get(name)
         except InvalidInput as error:
-            raise InvalidInput(f"weights: {error}") from None
+            raise InvalidInput(f"weights.{name}: {str(error).removeprefix('reward term: ')}") from None
     return found

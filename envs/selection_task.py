@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,7 +27,7 @@ from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.verify import check_postures
 
-from .reward import Judged, RewardWeights, Term, weighted
+from .reward import USUAL, Judged, RewardWeights, Term, weighted
 from .scene_sources import Problem, SceneOptions, SceneSettings
 from .scenes import Scene
 
@@ -86,7 +86,7 @@ class SelectionSettings(SceneSettings):
     library: EnvelopeSet | str | Path | None = None
     relaxation: str = "p1"
     projections: Sequence[Projection] = ("fix-p",)
-    weights: RewardWeights | Mapping[str, float] = field(default_factory=RewardWeights)
+    weights: RewardWeights | Mapping[str, float] = USUAL
     backend: Backend = "clarabel"
     timing: bool = False
 

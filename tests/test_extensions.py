@@ -100,7 +100,7 @@ def test_a_reward_term_of_ones_own_is_weighed_and_told(mine):
     assert info["reward_spread"] == pytest.approx(2.0 * 0.75)
     assert info["reward_agreement"] == 0.0
     assert reward == pytest.approx(sum(value for key, value in info.items() if key.startswith("reward_")))
-    with pytest.raises(InvalidInput, match="weights: reward term: expected one of agreement, projection, tightness"):
+    with pytest.raises(InvalidInput, match=r"weights\.beauty: expected one of agreement, projection, tightness"):
         gym.make(SELECTION, weights={"beauty": 1.0})
 
 
