@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -217,12 +218,24 @@ def main(arguments: Arguments) -> None:
                         "index": index,
                         "load": os.getloadavg()[0],
                     }
+                    if not row["right"]:
+                        keep(robot, f"{case.name} {index}")
                     done.append(row)
                     with results.open("a") as file:
                         file.write(json.dumps(row) + "\n")
                     print(json.dumps(row), flush=True)
     for kind in arguments.kinds:
         print(table(CASES[kind], done))
+
+
+def keep(robot: Robot, name: str) -> None:
+    """Keep what a run that went wrong left behind: its log and output, and what the robot's processes said."""
+    kept = robot.folder / "kept" / re.sub(r"\W+", "-", name)
+    shutil.rmtree(kept, ignore_errors=True)
+    shutil.copytree(robot.folder / "run", kept)
+    shutil.copy(robot.folder / "motions.txt", kept)
+    for process in robot.processes:
+        shutil.copy(robot.folder / "log" / f"{process}.out", kept)
 
 
 def planned(folder: Path) -> Path:
