@@ -15,10 +15,13 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.urdf import Servo, joint_names
 from stancekit.planners.terrain import Patch
+from stancekit.runner.safety.guard import Limits
 from stancekit.runner.worlds.capabilities import WorldCapabilities
 from stancekit.runner.worlds.world import LatchedWorld, State
 
 FREQUENCY_RAD_S = 60.0
+PATIENT = Limits(silent_s=5.0)
+"""For hosts that are not tried for their haste: a loaded machine pauses for .25 s."""
 
 
 class MemoryWorld(LatchedWorld):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.emulators.rosbridge import RosBridge
@@ -67,9 +68,18 @@ def on_robot_time(bridge: RosBridge) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def emulated(
+    names: Sequence[str] = JOINTS, position_rad: Array = START, **settings: Any
+) -> Iterator[RosBridge]:
+    """An emulated robot, by whose clock the host lives."""
+    with RosBridge(names, position_rad, **settings) as bridge, on_robot_time(bridge):
+        yield bridge
+
+
+@contextlib.contextmanager
 def armed(ros: Literal[1, 2] = 2, **settings: Any) -> Iterator[tuple[RosBridge, RosWorld]]:
     """An emulated robot, and the world that drives it, armed; at the end no message was against the protocol."""
-    with RosBridge(JOINTS, START, ros=ros) as bridge, on_robot_time(bridge):
+    with emulated(ros=ros) as bridge:
         with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **(QUICK | settings))) as world:
             reset(world)
             world.torque(True)

@@ -27,10 +27,10 @@ from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
-from tests.emulators.memory_world import MemoryWorld
+from tests.emulators.memory_world import PATIENT, MemoryWorld
 from tests.emulators.slipping import SlippingWorld
 
-FAST = RunSettings(timing=Timing().at_pace(2.0))
+FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
 PLANNER = TwoStageCoursePlanner()
 
 

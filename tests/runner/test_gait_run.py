@@ -22,10 +22,9 @@ from stancekit.runner.acceptance import AcceptedGait
 from stancekit.runner.motion.gait_motion import SETTLE_S, GaitMotion, footholds
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
-from stancekit.runner.safety.guard import Limits
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
-from tests.emulators.memory_world import MemoryWorld
+from tests.emulators.memory_world import PATIENT, MemoryWorld
 
 
 @pytest.fixture
@@ -66,7 +65,7 @@ def test_where_there_is_less_friction_than_it_counts_on_feet_slide_and_the_repor
 
 
 def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(accepted: AcceptedGait) -> None:
-    world, settings = MemoryWorld(), RunSettings(limits=Limits(silent_s=2.0))  # a loaded machine may pause for .25 s
+    world, settings = MemoryWorld(), RunSettings(limits=PATIENT)
     report = Runner(world, dry=False, settings=settings).run(accepted)
     assert report.succeeded, report.message
     assert report.execution is None

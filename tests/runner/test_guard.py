@@ -16,13 +16,13 @@ from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.guard import Limits, SafeWorld, capabilities_of
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.worlds.world import Actuator, Stoppable, World
-from tests.emulators.memory_world import MemoryWorld, silent
+from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
 
 START = np.tile([0.0, 0.3, 0.0, 1.2], 6)
 POSE = np.array([0.0, 0.0, 0.2]), np.eye(3)
 
 
-def guarded(world: MemoryWorld, *, dry: bool = False, limits: Limits = Limits(), **options: object) -> SafeWorld:
+def guarded(world: MemoryWorld, *, dry: bool = False, limits: Limits = PATIENT, **options: object) -> SafeWorld:
     safe = SafeWorld(world, dry=dry, limits=limits, **options)  # type: ignore[arg-type]
     safe.reset((), START, *POSE)
     if not dry:
@@ -33,7 +33,7 @@ def guarded(world: MemoryWorld, *, dry: bool = False, limits: Limits = Limits(),
 @given(st.lists(st.lists(st.floats(-1e3, 1e3), min_size=24, max_size=24), min_size=1, max_size=6))
 def test_whatever_is_asked_for_stays_within_positions_velocities_and_steps(asked: list[list[float]]) -> None:
     world = MemoryWorld()
-    limits = Limits(margin_rad=0.1, velocity_share=0.5, step_rad=0.015, path_rad=10.0)
+    limits = replace(PATIENT, margin_rad=0.1, velocity_share=0.5, step_rad=0.015, path_rad=10.0)
     safe = guarded(world, limits=limits)
     last = START
     for row in asked:
@@ -85,7 +85,7 @@ def test_a_command_of_another_length_is_refused_too() -> None:
 
 def test_a_joint_that_does_not_follow_stops_the_run_and_is_named() -> None:
     world = MemoryWorld()
-    safe = guarded(world, limits=Limits(path_rad=0.11, path_s=0.05))
+    safe = guarded(world, limits=replace(PATIENT, path_rad=0.11, path_s=0.05))
     world.stuck = [7]
     for k in range(1, 11):
         safe.step(START + 0.02 * k * (np.arange(24) == 7))
@@ -114,7 +114,7 @@ def test_a_robot_that_does_not_move_at_all_is_told_as_that() -> None:
 @pytest.mark.parametrize("share", [2, 3])
 def test_a_joint_that_does_not_follow_is_found_also_when_some_measurements_say_that_it_does(share: int) -> None:
     world = MemoryWorld()
-    safe = guarded(world, limits=Limits(path_rad=0.11, path_s=0.05))
+    safe = guarded(world, limits=replace(PATIENT, path_rad=0.11, path_s=0.05))
     world.stuck, count = [7], iter(range(1000))
     world.spoil = lambda state: replace(state, angles_rad=state.sent_rad) if next(count) % share == 0 else state
 
@@ -128,7 +128,7 @@ def test_a_joint_that_does_not_follow_is_found_also_when_some_measurements_say_t
 
 def test_a_joint_that_seems_to_be_away_now_and_then_is_no_reason_to_stop() -> None:
     world = MemoryWorld()
-    safe = guarded(world, limits=Limits(path_rad=0.11, path_s=0.05))
+    safe = guarded(world, limits=replace(PATIENT, path_rad=0.11, path_s=0.05))
     count = iter(range(1000))
     world.spoil = lambda state: replace(state, angles_rad=state.sent_rad + 0.2) if next(count) % 4 == 0 else state
     for _ in range(100):

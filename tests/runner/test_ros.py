@@ -19,11 +19,11 @@ from stancekit.runner.emulators.rosbridge import EPOCH_S, RosBridge
 from stancekit.runner.worlds.ros.clock import stamp_of
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import RosJoint, RosSetup, same_names
-from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, reset
+from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 
 
 def test_reset_measures_and_sends_nothing_that_could_move_the_robot() -> None:
-    with RosBridge(JOINTS, START, other=["gripper"]) as bridge:
+    with emulated(other=["gripper"]) as bridge:
         with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
             state = reset(world)
             np.testing.assert_allclose(state.angles_rad, START, atol=1e-9)
@@ -65,7 +65,7 @@ def test_directions_and_offsets_are_applied_to_what_is_sent_and_what_is_measured
     }
     message = np.array([each.direction * a + each.offset_rad for each, a in zip(joints.values(), START, strict=True)])
     names = [each.name for each in joints.values()]
-    with RosBridge(names[::-1], message[::-1].tolist()) as bridge:
+    with emulated(names[::-1], message[::-1].tolist()) as bridge:
         with RosWorld(ROBOT, RosSetup(port=bridge.port, joints=joints)) as world:
             np.testing.assert_allclose(reset(world).angles_rad, START, atol=1e-9)
             world.torque(True)

@@ -17,7 +17,7 @@ from stancekit.runner.emulators import rosbridge
 from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
-from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, reset
+from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 
 Ros = Literal[1, 2]
 MANAGED: dict[str, Any] = {"controller_manager": "/controller_manager"}
@@ -41,7 +41,7 @@ def moved_rad(bridge: RosBridge, since: list[float]) -> float:
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize("kind", ["zeros", "one jump"])
 def test_zeros_of_a_second_publisher_arm_nothing_and_stop_what_moves(ros: Ros, kind: str) -> None:
-    with RosBridge(JOINTS, START, ros=ros) as bridge, world_of(bridge) as world:
+    with emulated(ros=ros) as bridge, world_of(bridge) as world:
         bridge.inject("zeros")
         with pytest.raises(
             InvalidInput, match=r"/joint_states: \w+: measured .* faster than .* two publishers\?"
@@ -89,7 +89,7 @@ def test_without_stamps_the_report_says_that_commands_may_still_come(
 ) -> None:
     monkeypatch.setattr(rosbridge, "FROZEN_S", 2.5)
     with (
-        RosBridge(JOINTS, START, ros=2, stamps=False) as bridge,
+        emulated(ros=2, stamps=False) as bridge,
         RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world,
     ):
         reset(world)
@@ -124,7 +124,7 @@ def test_an_e_stop_that_is_heard_or_published_lets_a_robot_be_armed(
     estop: Any, rosapi: bool, how: Any, why: str
 ) -> None:
     with (
-        RosBridge(JOINTS, START, ros=1, estop=estop, rosapi=rosapi) as bridge,
+        emulated(ros=1, estop=estop, rosapi=rosapi) as bridge,
         world_of(bridge) as world,
     ):
         world.estop = how
@@ -152,7 +152,7 @@ def test_an_e_stop_that_is_heard_or_published_lets_a_robot_be_armed(
 )
 def test_an_e_stop_that_nobody_hears_arms_nothing(estop: Any, rosapi: bool, why: str) -> None:
     with (
-        RosBridge(JOINTS, START, ros=1, estop=estop, rosapi=rosapi) as bridge,
+        emulated(ros=1, estop=estop, rosapi=rosapi) as bridge,
         world_of(bridge) as world,
     ):
         reset(world)
@@ -171,7 +171,7 @@ def test_an_e_stop_that_loses_its_publisher_stops_the_robot() -> None:
 
 def test_an_e_stop_is_tried_by_pressing_and_releasing_it() -> None:
     with (
-        RosBridge(JOINTS, START, ros=1, estop="regular", rosapi=False) as bridge,
+        emulated(ros=1, estop="regular", rosapi=False) as bridge,
         world_of(bridge) as world,
     ):
         world.estop = "try"
@@ -226,7 +226,7 @@ def test_after_torque_off_a_run_starts_again(ros: Ros) -> None:
 def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(
     there: Ros, said: Ros, why: str
 ) -> None:
-    with RosBridge(JOINTS, START, ros=there) as bridge, world_of(bridge, ros=said) as world:
+    with emulated(ros=there) as bridge, world_of(bridge, ros=said) as world:
         with pytest.raises(InvalidInput, match=why):
             reset(world)
         assert commands(bridge) == []
@@ -252,7 +252,7 @@ def test_another_client_is_named_before_and_after_arming() -> None:
     ],
 )
 def test_odd_robots_are_armed_and_move(settings: dict[str, Any]) -> None:
-    with RosBridge(JOINTS, START, ros=1, **settings) as bridge, world_of(bridge) as world:
+    with emulated(ros=1, **settings) as bridge, world_of(bridge) as world:
         reset(world)
         world.torque(True)
         stream(world, 25)

@@ -14,11 +14,10 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
-from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, reset
+from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 
 
 @pytest.mark.parametrize("ros", [1, 2])
@@ -49,7 +48,7 @@ def test_trajectories_that_are_too_long_too_fast_or_beyond_limits_are_refused_be
 
 
 def test_a_rosbridge_that_reads_no_cancel_while_a_goal_is_on_its_way_is_refused() -> None:
-    with RosBridge(JOINTS, START, one_thread=True) as bridge:
+    with emulated(one_thread=True) as bridge:
         with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
             reset(world)
             world.torque(True)

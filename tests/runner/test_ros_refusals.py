@@ -12,16 +12,16 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.runner.emulators.rosbridge import FAULTS, RosBridge
+from stancekit.runner.emulators.rosbridge import FAULTS
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import RosSetup, same_names
-from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, commands, reset
+from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, commands, emulated, reset
 
 
 @pytest.mark.parametrize("kind", ["silent", "not json", "no operation", "null angle", "half a message", "e-stop"])
 def test_nonsense_and_silence_are_refused_in_one_line_before_any_motion(kind: str) -> None:
     assert kind in FAULTS
-    with RosBridge(JOINTS, START) as bridge:
+    with emulated() as bridge:
         bridge.inject(kind)
         time.sleep(0.05)
         with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
@@ -41,19 +41,19 @@ def refused(setup: RosSetup) -> str:
 
 def test_joints_that_do_not_match_are_named() -> None:
     names = ["LF_jaw" if name == "LF_yaw" else name for name in JOINTS]
-    with RosBridge(names, START) as bridge:
+    with emulated(names, START) as bridge:
         said = refused(same_names(JOINTS, port=bridge.port, **QUICK))
         assert said.endswith("/joint_states: expected all joints, nothing of LF_yaw; other names there: LF_jaw")
-    with RosBridge(JOINTS[:-1], START[:-1], other=JOINTS[-1:]) as bridge:
+    with emulated(JOINTS[:-1], START[:-1], other=JOINTS[-1:]) as bridge:
         said = refused(same_names(JOINTS, port=bridge.port, **QUICK))
         assert said.endswith(f"controller: expected the joints of the setup, they differ in {JOINTS[-1]}")
 
 
 def test_a_controller_that_is_not_there_and_angles_beyond_limits_are_refused() -> None:
-    with RosBridge(JOINTS, START) as bridge:
+    with emulated() as bridge:
         said = refused(same_names(JOINTS, port=bridge.port, controller="/other", **QUICK))
         assert said.endswith("expected the state of /other, heard nothing: is it running?")
-    with RosBridge(JOINTS, START + 2.0) as bridge:
+    with emulated(JOINTS, START + 2.0) as bridge:
         said = refused(same_names(JOINTS, port=bridge.port, **QUICK))
         expected = "LF_yaw: expected an angle in [-1.90, 1.90] rad, measured 2.00: is its name or offset right?"
         assert said == expected

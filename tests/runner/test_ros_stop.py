@@ -14,11 +14,10 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import HardwareFault
-from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
-from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, reset
+from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 
 MANAGED = QUICK | {"controller_manager": "/controller_manager"}
 
@@ -45,7 +44,7 @@ def stop_after(world: RosWorld, what: str) -> None:
 def test_a_stop_at_any_step_of_an_arming_leaves_the_controller_off(
     ros: Literal[1, 2], after: str, sent: list[str]
 ) -> None:
-    with RosBridge(JOINTS, START, ros=ros) as bridge:
+    with emulated(ros=ros) as bridge:
         with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **MANAGED)) as world:
             reset(world)
             bridge.robot.on = False
@@ -60,7 +59,7 @@ def test_a_stop_at_any_step_of_an_arming_leaves_the_controller_off(
 
 
 def test_a_controller_that_was_not_switched_by_us_is_left_alone() -> None:
-    with RosBridge(JOINTS, START) as bridge:
+    with emulated() as bridge:
         with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
             reset(world)
             stop_after(world, "stream")

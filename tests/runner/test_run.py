@@ -30,9 +30,9 @@ from stancekit.runner.prepared import Resumption
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
-from tests.emulators.memory_world import MemoryWorld, silent
+from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
 
-FAST = RunSettings(timing=Timing().at_pace(2.0))
+FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
 Step = Callable[[str], Plan]
 
 
@@ -190,7 +190,7 @@ def test_a_joint_that_is_stuck_misses_its_path(accepted: Accepted) -> None:
         world.stuck = [15] if len(world.commands) > 30 else []
 
     world.fault = jam
-    limits = replace(FAST.limits, path_rad=0.05, path_s=0.02)
+    limits = replace(PATIENT, path_rad=0.05, path_s=0.02)
     report = ran(world, accepted, replace(FAST, limits=limits))
     assert not report.succeeded
     assert report.message.startswith(f"joint {world.joints[15]}: ")

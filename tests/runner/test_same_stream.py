@@ -23,7 +23,6 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.command import command
 from stancekit.runner.emulators.servo_bus import ServoBus
 from stancekit.runner.run import Runner
-from stancekit.runner.safety.guard import Limits
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.drives import Drives
@@ -31,6 +30,7 @@ from stancekit.runner.worlds.dynamixel import port
 from stancekit.runner.worlds.dynamixel.calibration import Turning, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
+from tests.emulators.memory_world import PATIENT
 
 SERVOS = Actuators(joints={"*": "XM540-W270"})
 RATE_HZ = 50.0
@@ -87,7 +87,7 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
             joints={name: replace(each, current_a=5.5) for name, each in calibration.joints.items()},
         )  # fmt: skip
         real = Sent(bus, 28.4)
-        patient = RunSettings(limits=Limits(silent_s=5.0))  # as above
+        patient = RunSettings(limits=PATIENT)
         body = DynamixelWorld(robot, calibration, rate_hz=RATE_HZ)
         done = Runner(body, settings=patient, dry=False, log=real).run(accepted)
         turning = Turning(calibration.ordered(world.joints))

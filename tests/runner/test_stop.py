@@ -33,16 +33,16 @@ from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.estop import SIGNALS
-from stancekit.runner.safety.guard import Limits, SafeWorld
+from stancekit.runner.safety.guard import SafeWorld
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
-from tests.emulators.memory_world import MemoryWorld
+from tests.emulators.memory_world import PATIENT, MemoryWorld
 
 ROBOT = hexapod()
 START = np.tile([0.2, 0.5, -0.3, 1.0], 6)
-FAST = RunSettings(timing=Timing().at_pace(2.0), limits=Limits(silent_s=2.0))  # a loaded machine pauses for .25 s
+FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
 ENDINGS = [("hold", "held", True), ("torque-off", "torque off", False)]
 
 
