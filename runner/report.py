@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .computer import load
 from .control.friction import FrictionInterval, estimated
 from .control.leg_odometry import odometry_error_m
 from .execution import Execution
@@ -38,7 +39,8 @@ class RunReport:
     None where body or forces are not measured. loop_share: of their stiffness, that joint loops were found to have, 1
     where feet feel nothing or nobody knows where the body is. stopped_s: when the latch was tripped, on the monotonic
     clock that all processes of a machine share, None where it was not; after: commands on their way at that moment,
-    whose write returned up to after_s later.
+    whose write returned up to after_s later. load: processes that wanted a processor in the last minute, for each that
+    there is; NaN where the system does not say.
     """
 
     world: str
@@ -73,6 +75,7 @@ class RunReport:
     stopped_s: float | None = None
     after: int = 0
     after_s: float = 0.0
+    load: float = float("nan")
 
     @classmethod
     def of(
@@ -129,6 +132,7 @@ class RunReport:
             stopped_s=latch.time_s if latch.tripped else None,
             after=latch.after,
             after_s=latch.after_s,
+            load=load(),
         )
 
     def to_json(self) -> dict[str, Any]:

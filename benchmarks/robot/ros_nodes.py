@@ -123,6 +123,20 @@ def commands(seconds):
         rate.sleep()
 
 
+def late(seconds):
+    """A controller that connects to the publisher of its commands so long after that is there."""
+    from trajectory_msgs.msg import JointTrajectory
+
+    topic = "/joint_trajectory_controller/command"
+    publisher = rospy.Publisher("/late", JointTrajectory, queue_size=1)
+    say("ready")
+    while topic not in dict(rospy.get_published_topics()):
+        rospy.sleep(0.05)
+    rospy.sleep(float(seconds))
+    rospy.Subscriber(topic, JointTrajectory, publisher.publish, queue_size=1)
+    rospy.spin()
+
+
 def stuck(joint):
     """A joint that turns no more."""
     publisher = rospy.Publisher("/hw/stuck", Float64, queue_size=1, latch=True)

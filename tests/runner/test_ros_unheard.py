@@ -17,15 +17,14 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
-from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, on_robot_time, reset
+from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 
 Version = Literal[1, 2]
 
 
 def made(stack: ExitStack, ros: Version, connect_s: float) -> tuple[RosBridge, RosWorld]:
     """A robot that hears commands so long after it was connected to, and the world that has measured it."""
-    bridge = stack.enter_context(RosBridge(JOINTS, START, ros=ros, connect_s=connect_s))
-    stack.enter_context(on_robot_time(bridge))
+    bridge = stack.enter_context(emulated(ros=ros, connect_s=connect_s))
     world = stack.enter_context(RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **QUICK)))
     reset(world)
     return bridge, world
@@ -84,3 +83,12 @@ def test_a_robot_at_rest_or_one_that_lags_is_not_taken_for_one_that_hears_nothin
         bridge.robot.stuck[:] = True  # joints that are stuck are no fault of the controller
         for _ in range(40):
             world.step(START + 1.2)
+
+
+def test_goals_are_sent_again_to_an_action_server_that_connects_late() -> None:
+    with ExitStack() as stack:
+        bridge, world = made(stack, 1, 2.5)
+        world.torque(True)
+        state = world.run_trajectory(np.array([0.5]), START[None, :] + 0.1)
+        np.testing.assert_allclose(state.angles_rad, START + 0.1, atol=0.03)
+        assert commands(bridge).count("goal") == 2  # the one that is cancelled, and the trajectory

@@ -207,7 +207,7 @@ class RosRobot:
                 if (trouble := self.trouble(silence=False)) is not None:
                     raise HardwareFault(trouble)
                 wants = self.controller.wants(point)
-                if wants or (wants is None and self.controller.heard_s() > over_s):
+                if wants is not False and self.controller.heard_s() > over_s:
                     return
                 time.sleep(POLL_S)
         name, trouble = self.setup.controller, self.trouble()
