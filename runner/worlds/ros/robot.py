@@ -36,7 +36,7 @@ ANSWER_S = 0.1
 """So long a rosbridge may take to answer before it is asked again."""
 STILL_S, REST_S = 0.15, 1.0
 """A robot that did not move for STILL_S is at rest; so long is waited for that after a stop."""
-AGAIN_S = 0.2
+AGAIN_S = 0.5
 """A command that arms it is sent again so long after it should have been acted on."""
 NOTICED_RAD = 9e-7
 """A controller says that it wants a joint so far away, and no joint turns by so little."""
