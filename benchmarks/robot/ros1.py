@@ -165,6 +165,7 @@ FAULTS = (
     Case(name="ROS 2 in the setup", setup={"ros": 2}, exits=(2,)),
     Case(name="commands reach nobody", remap=f"{COMMAND}:=/nobody", exits=(2,)),
     Case(name="commands are heard after 4 s", before=("late", "4"), remap=f"{COMMAND}:=/late", exits=(0,)),
+    Case(name="commands are missed at first", before=("late", "0", "2"), remap=f"{COMMAND}:=/late", exits=(0,)),
 )  # fmt: skip
 HEALTHY = (Case(name="healthy", exits=(0,)),)
 ODD = (

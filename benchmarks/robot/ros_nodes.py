@@ -123,15 +123,16 @@ def commands(seconds):
         rate.sleep()
 
 
-def late(seconds):
-    """A controller that connects to the publisher of its commands so long after that is there."""
+def late(seconds, times="1"):
+    """A controller that connects to the publisher of its commands so long after that is there for so many times."""
     from trajectory_msgs.msg import JointTrajectory
 
     topic = "/joint_trajectory_controller/command"
     publisher = rospy.Publisher("/late", JointTrajectory, queue_size=1)
     say("ready")
-    while topic not in dict(rospy.get_published_topics()):
-        rospy.sleep(0.05)
+    for there in [True] + [False, True] * (int(times) - 1):
+        while (topic in dict(rospy.get_published_topics())) != there:
+            rospy.sleep(0.05)
     rospy.sleep(float(seconds))
     rospy.Subscriber(topic, JointTrajectory, publisher.publish, queue_size=1)
     rospy.spin()

@@ -96,6 +96,11 @@ class RosLink:
         """Say that something will be published: what follows at once waits for subscribers, or is lost on them."""
         self._publisher(topic, kind).advertise()
 
+    def unadvertise(self, topic: str) -> None:
+        """Say that nothing will be published until it is advertised again."""
+        if topic in self._topics:
+            self._topics.pop(topic).unadvertise()
+
     def _publisher(self, topic: str, kind: str) -> Any:
         if topic not in self._topics:
             self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_size=1, reconnect_on_close=False)
