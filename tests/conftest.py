@@ -13,6 +13,7 @@ import cvxpy as cp
 import joblib
 import numpy as np
 import pytest
+from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
@@ -20,9 +21,36 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.robot import hexapod
 from stancekit.planners.terrain import Patch
+from tests.emulators.pulse import Pulse
 
 settings.register_profile("the same examples in every run", derandomize=True, deadline=None)
 settings.load_profile("the same examples in every run")
+
+
+REAL_TIME = ("tests/runner/", "tests/cli/test_run.py", "tests/cli/test_emulate_bus.py")
+"""Tests of hosts and robots that have milliseconds to answer each other."""
+LATE_S, TRIES = 0.03, 3
+"""A test of these that fails while the computer kept a thread waiting for longer says nothing: it is tried again."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Try a test of real time again where the computer, and not the robot, was late; what is wrong fails each time."""
+    if not item.nodeid.startswith(REAL_TIME):
+        return None
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    for turn in range(TRIES):
+        with Pulse() as pulse:
+            reports = runtestprotocol(item, log=False, nextitem=nextitem)
+        if turn + 1 == TRIES or not any(report.failed for report in reports) or pulse.worst_s < LATE_S:
+            break
+        late = f"tried again: the computer kept a thread waiting for {1e3 * pulse.worst_s:.0f} ms"
+        item.warn(pytest.PytestWarning(late))
+        item._initrequest()  # type: ignore[attr-defined]  # fixtures of its own anew
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
 
 
 def pytest_configure() -> None:
