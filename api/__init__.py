@@ -25,31 +25,58 @@ if TYPE_CHECKING:
     from .envs.data.dataset import Dataset as Dataset
     from .files import load as load
     from .files import save as save
+    from .learners.data.export import Exported as Exported
+    from .learners.data.labelling import RecheckReport as RecheckReport
+    from .learners.evaluation.evaluate import Score as Score
+    from .learners.selectors.selector import Learned as Learned
+    from .motions import run as run
+    from .motions import simulate as simulate
     from .pictures import draw as draw
+    from .pictures import film as film
     from .planners.answer.outcome import Certificate as Certificate
     from .planners.answer.outcome import Outcome as Outcome
     from .planners.answer.outcome import Posture as Posture
     from .planners.answer.outcome import Status as Status
     from .planners.answer.plan import Plan as Plan
     from .planners.answer.plan_outcome import PlanOutcome as PlanOutcome
+    from .planners.answer.report import Report as Report
     from .planners.answer.trajectory import Trajectory as Trajectory
     from .planners.errors import InvalidInput as InvalidInput
     from .planners.errors import StancekitError as StancekitError
+    from .planners.gait.method.portfolio import GaitPlan as GaitPlan
     from .planners.problem.course import Course as Course
     from .planners.problem.posture import Contact as Contact
     from .planners.problem.posture import PostureProblem as PostureProblem
+    from .planners.projection.whole_body_limits import WholeBodyLimits as WholeBodyLimits
     from .planners.relaxation.envelope import Envelope as Envelope
     from .planners.relaxation.envelope import EnvelopeSet as EnvelopeSet
+    from .planners.relaxation.modes import Modes as Modes
     from .planners.robot.model import Limb as Limb
     from .planners.robot.model import Robot as Robot
     from .planners.robot.model import hexapod as hexapod
+    from .planners.search.methods import Decoupled as Decoupled
+    from .planners.search.methods import Exact as Exact
+    from .planners.search.methods import Micp as Micp
+    from .planners.search.methods import Nlp as Nlp
+    from .planners.search.methods import TwoStage as TwoStage
+    from .planners.terrain.footholds import FootholdLimits as FootholdLimits
+    from .planners.terrain.footholds import Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
+    from .planners.verify.certificate import CertificateReport as CertificateReport
+    from .planners.verify.explain import Explanation as Explanation
+    from .planners.verify.trajectories import GaitReport as GaitReport
     from .postures import sample as sample
     from .postures import solve as solve
+    from .robots import robot as robot
+    from .runner.control.loop_report import LoopReport as LoopReport
+    from .runner.report import RunReport as RunReport
+    from .runner.settings import RunSettings as RunSettings
     from .selectors import evaluate as evaluate
+    from .selectors import export as export
     from .selectors import fit as fit
     from .selectors import label as label
+    from .terrains import terrain as terrain
     from .walks import walk as walk
 
     __version__: str
@@ -57,22 +84,41 @@ if TYPE_CHECKING:
 _HOMES = {
     "answers": ("explain", "verify"),
     "courses": ("plan",),
-    "files": ("load", "save"),
     "envs.data.dataset": ("Dataset",),
-    "pictures": ("draw",),
+    "files": ("load", "save"),
+    "learners.data.export": ("Exported",),
+    "learners.data.labelling": ("RecheckReport",),
+    "learners.evaluation.evaluate": ("Score",),
+    "learners.selectors.selector": ("Learned",),
+    "motions": ("run", "simulate"),
+    "pictures": ("draw", "film"),
     "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
     "planners.answer.plan": ("Plan",),
     "planners.answer.plan_outcome": ("PlanOutcome",),
-    "planners.errors": ("InvalidInput", "StancekitError"),
+    "planners.answer.report": ("Report",),
     "planners.answer.trajectory": ("Trajectory",),
+    "planners.errors": ("InvalidInput", "StancekitError"),
+    "planners.gait.method.portfolio": ("GaitPlan",),
     "planners.problem.course": ("Course",),
     "planners.problem.posture": ("Contact", "PostureProblem"),
+    "planners.projection.whole_body_limits": ("WholeBodyLimits",),
     "planners.relaxation.envelope": ("Envelope", "EnvelopeSet"),
+    "planners.relaxation.modes": ("Modes",),
     "planners.robot.model": ("Limb", "Robot", "hexapod"),
+    "planners.search.methods": ("Decoupled", "Exact", "Micp", "Nlp", "TwoStage"),
+    "planners.terrain.footholds": ("FootholdLimits", "Footholds"),
     "planners.terrain.heightfield": ("HeightField",),
     "planners.terrain.patch": ("Patch",),
+    "planners.verify.certificate": ("CertificateReport",),
+    "planners.verify.explain": ("Explanation",),
+    "planners.verify.trajectories": ("GaitReport",),
     "postures": ("sample", "solve"),
-    "selectors": ("evaluate", "fit", "label"),
+    "robots": ("robot",),
+    "runner.control.loop_report": ("LoopReport",),
+    "runner.report": ("RunReport",),
+    "runner.settings": ("RunSettings",),
+    "selectors": ("evaluate", "export", "fit", "label"),
+    "terrains": ("terrain",),
     "walks": ("walk",),
 }
 """Where each name lives: what the imports above say to type checkers, said to the interpreter (compared by a test)."""

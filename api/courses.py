@@ -3,109 +3,143 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked as checked_number
+from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.project import Projection
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
-from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.search.methods import PlannerOptions, Relaxation, course_through_verifier, make_course_planner
-from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
+from stancekit.planners.search.methods import Method, PlannerOptions, course_through_verifier, make_course_planner
+from stancekit.planners.search.plan_course import LayOut, plan_course
+from stancekit.planners.terrain.footholds import Footholds
+
+from .upgrading import old_arguments
+
+OLD = {
+    "planner": "plan(course, method)",
+    "reserve": "plan(course, TwoStage(reserve=...))",
+    "relaxation": "plan(course, TwoStage(relaxation=...))",
+    "envelopes": "plan(course, TwoStage(envelopes=...))",
+    "projection": "plan(course, TwoStage(projection=...))",
+    "torque_nm": "plan(course, body=WholeBodyLimits(torque_nm=...))",
+    "torque_share": "plan(course, body=WholeBodyLimits(share=...))",
+    "clearance_m": "plan(course, body=WholeBodyLimits(clearance_m=...))",
+    "engine": "a planner of make_course_planner with PlannerOptions(programs=Programs(engine=...))",
+}
+LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "clearance_m"}
 
 
 @checked
 def plan(
-    course: Course | PostureProblem | str | Path,
-    planner: str | CoursePlanner = "two-stage",
+    course: Course | PostureProblem | Footholds | str | Path,
+    method: str | Method | CoursePlanner = "two-stage",
     *,
+    start_xy_m: Sequence[float] | None = None,
+    goal_xy_m: Sequence[float] | None = None,
     frames: int | None = None,
-    robot: str | Path | None = None,
-    reserve: bool = True,
-    relaxation: Relaxation | None = None,
-    envelopes: EnvelopeSet | Modes | None = None,
-    projection: Projection | None = None,
-    torque_nm: float | None = None,
-    torque_share: float = 0.9,
-    clearance_m: float = 0.005,
+    robot: Robot | str | Path | None = None,
+    body: WholeBodyLimits = WholeBodyLimits(),
     time_limit_s: float = 60.0,
-    engine: Literal["rows", "cvxpy"] = "rows",
+    **old: Any,
 ) -> PlanOutcome:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries.
 
     Arguments:
         course: a ``Course``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
-            YAML or JSON file; one posture problem is a course of one frame.
-        planner: "two-stage" (relaxation and projection), "exact" (to the best plan; short courses), "micp", "nlp",
-            "decoupled" (a baseline that fails on ice). Or a planner that was made before, the name of one that a
-            package registered under ``stancekit.course_planners``, or "FILE.py:NAME".
-        frames: number of key frames M, where not the course's own; of a name or a YAML file only.
-        robot: in place of the course's: a built-in one, or a ``.urdf`` or ``.yaml`` file (extra kin); of a name or a
-            YAML file only.
-        reserve: plan with 80 % of the friction where that has a plan, else 90 %, else all of it; two-stage only.
-        relaxation, envelopes: first stage of two-stage: the lift, or learned boxes, or modes that it switches between.
-        projection: second stage of two-stage and micp: "scp" (where None), "fix-p", "fix-toes", "fix-f", "nlp", the
-            name of one that a package registered under ``stancekit.projections``, or "FILE.py:NAME".
-        torque_nm: no joint is to take more, whatever it has [Nm]; None: what the robot's own file says, if it has one.
-        torque_share: a plan that asks for more torque than there is is bent until this share of it is enough.
-        clearance_m: where links go through each other or the terrain, at key frames or between them, a plan is bent
-            until they are so far apart [m].
+            YAML or JSON file; one posture problem is a course of one frame. With a start and a goal also a terrain: a
+            mesh, a grid or a cloud in a file, or what ``terrain`` returned.
+        method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds the best plan of a
+            short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline that fails on ice). Or text:
+            "two-stage", ..., a name that a package registered under ``stancekit.course_planners``, "FILE.py:NAME". Or a
+            planner that was made before.
+        start_xy_m, goal_xy_m: over a terrain, where the centre of mass begins and ends, shape (2,) [m]; frames, gait
+            and candidates are laid out between them.
+        frames: number of key frames M, where not the course's own.
+        robot: in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file (extra kin).
+        body: limits of joints and bodies; a plan that breaks them is bent until it keeps them.
         time_limit_s: for all of it, bending and judging included; what is not decided by then is undecided, and what
             there is so far is in the outcome [s]. A planner that was made before keeps to its own limit, too.
-        engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
+        old: settings of methods and limits as arguments, which is the old form.
     Returns:
         A ``PlanOutcome``: feasible with a ``plan`` that the verifier accepted in every stance and between them, as far
         as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a robot's own
         legs, for the course in ``problem``; or undecided, also with a plan whose joints cannot do it, whose bodies
         collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan.
     Raises:
-        InvalidInput: for a course or a robot that is none, an unknown planner, or envelopes that are missing or have
-            no use.
+        InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are missing or have no
+            use.
     Source:
         Paper E §IV-B, E11, E1-E10 in every stance.
     Example:
         >>> import stancekit
-        >>> outcome = stancekit.plan("stairs", frames=4)
+        >>> outcome = stancekit.plan("stairs", stancekit.TwoStage(reserve=False), frames=4)
         >>> outcome.status.value, outcome.plan.com_m.shape
         ('feasible', (4, 3))
     """
     deadline = time.perf_counter() + checked_number(time_limit_s, "time_limit_s", least=0.0)
+    beside = ("course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "time_limit_s")
+    given = old_arguments("plan", old, OLD, beside) if old else {}
+    method = given.pop("planner", method)
+    engine: Any = given.pop("engine", "rows")
+    checked_choice(engine, "engine", ("rows", "cvxpy"))
+    programs = Programs(engine=engine)
+    moved = {LIMITS[name]: given.pop(name) for name in LIMITS if name in given}
+    limits = WholeBodyLimits(**moved) if moved else body
+    if method != "two-stage":
+        given.pop("reserve", None)  # which others have no use for
+    question = _question(course, frames, robot, start_xy_m, goal_xy_m)
+    if isinstance(method, str | Method):
+        options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
+        planner = make_course_planner(method, options, **given)
+    elif given:
+        raise InvalidInput(f"{next(iter(given))}: expected none for a planner that was made before")
+    else:
+        planner = course_through_verifier(method)
+    return plan_course(question, planner, limits=limits, deadline=deadline)
+
+
+def _question(
+    course: Course | PostureProblem | Footholds | str | Path,
+    frames: int | None,
+    robot: Robot | str | Path | None,
+    start: Sequence[float] | None,
+    goal: Sequence[float] | None,
+) -> Course | LayOut:
+    """A course, or what lays it out: of a file of JSON, whose candidates are fixed, the course."""
+    who = str(robot) if isinstance(robot, Path) else robot
+    if (start is None) != (goal is None):
+        raise InvalidInput("start_xy_m, goal_xy_m: expected both or none, got one of them")
+    if isinstance(course, Footholds) or start is not None:
+        if start is None or goal is None:
+            raise InvalidInput("start_xy_m, goal_xy_m: expected both with a terrain, got none")
+        if isinstance(course, Course | PostureProblem):
+            raise InvalidInput(f"start_xy_m: expected none with a {type(course).__name__}, which has its own")
+        from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
+
+        return laid_between(course, start, goal, robot=who, frames=frames)
     if isinstance(course, PostureProblem):
         course = Course.of_posture(course)
-    question: Course | LayOut
-    if not isinstance(course, Course):
-        question = _question(str(course), frames, None if robot is None else str(robot))
-    elif robot is not None:
-        raise InvalidInput(f"robot: expected none with a course that is laid out, got {robot}")
-    elif frames not in (None, course.frames):
+    if isinstance(course, str | Path):
+        name = str(course)
+        if Path(name).suffix == ".json":
+            return read_course(name, frames, who)
+        return lambda sets: read_course(name, frames, who, sets)
+    if robot is not None:
+        raise InvalidInput(f"robot: expected none with a course that is laid out, got {_called(robot)}")
+    if frames not in (None, course.frames):
         raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
-    else:
-        question = course
-    limits = WholeBodyLimits(torque_nm=torque_nm, share=torque_share, clearance_m=clearance_m)
-    chosen = planner
-    options = PlannerOptions(relaxation=relaxation, envelopes=envelopes, projection=projection)
-    if isinstance(chosen, str):
-        programs = Programs(engine=engine)
-        chosen = make_course_planner(chosen, replace(options, time_limit_s=time_limit_s, programs=programs))
-    else:
-        options.check_used("a planner that was made before", ())
-        chosen = course_through_verifier(chosen)
-    shares = None if reserve else ALL_FRICTION
-    return plan_course(question, chosen, shares=shares, limits=limits, deadline=deadline)
+    return course
 
 
-def _question(name: str, frames: int | None, robot: str | None) -> Course | LayOut:
-    """The course of a name or a file: what lays it out, but of JSON, whose candidates are fixed, the course."""
-    if Path(name).suffix == ".json":
-        return read_course(name, frames, robot)
-    return lambda sets: read_course(name, frames, robot, sets)
+def _called(robot: Robot | str | Path) -> str:
+    return robot.name if isinstance(robot, Robot) else str(robot)

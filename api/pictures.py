@@ -1,7 +1,8 @@
-"""Pictures of problems and answers."""
+"""Pictures and films of problems, answers and motions."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -15,10 +16,15 @@ from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.views.gaits import draw_motion
+from stancekit.runner.execution import Execution
+from stancekit.views.gaits import draw_motion, motion_frames
 from stancekit.views.plans import draw_plan
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save
+from stancekit.views.video import Frame
+
+WALK_FPS = 25.0
+"""Frames a second of a walk that was planned."""
 
 
 @checked
@@ -67,3 +73,63 @@ def draw(
     if out is not None:
         save(figure, out)
     return figure
+
+
+@checked
+def film(
+    motion: Plan | Trajectory,
+    out: str | Path,
+    executed: Execution | None = None,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a film of a plan or a walk: as it was planned, or as a simulation executed it.
+
+    Arguments:
+        motion: what to show.
+        out: the film, .mp4 (extra film, and a GL library).
+        executed: ``execution`` of the report of ``simulate`` or ``run``: the robot's own links as they moved, and the
+            forces that its feet felt.
+        progress: called with frames drawn, and all.
+    Returns:
+        None.
+    Raises:
+        InvalidInput: for a file that cannot be written, and where the film's encoder or GL is missing.
+    Source:
+        Paper E Fig. 6.
+    Example:
+        >>> import stancekit
+        >>> stancekit.film(stancekit.plan("walls", frames=2).plan, "plan.mp4")  # doctest: +SKIP
+    """
+    from stancekit.views.film import check_film
+    from stancekit.views.video import write_video
+
+    path = Path(out)
+    check_film(path)
+    frames, total, fps = frames_of(motion, executed)
+    write_video(path, counted(frames, total, progress), fps)
+
+
+def frames_of(motion: Plan | Trajectory, executed: Execution | None) -> tuple[Iterator[Frame], int, float]:
+    """The frames of a film, how many, and how many a second."""
+    from stancekit.views import executions, plans
+
+    if isinstance(motion, Plan):
+        if executed is None:
+            return plans.plan_frames(motion), plans.frame_count(motion), plans.FPS
+        return executions.execution_frames(motion, executed), executions.frame_count(executed), executions.FPS
+    if executed is None:
+        frames = motion_frames(motion, check_trajectory(motion), fps=WALK_FPS)
+        return frames, round(WALK_FPS * motion.duration_s), WALK_FPS
+    count = round(executions.WALK_FPS * motion.duration_s)
+    return executions.walk_frames(motion, executed), count, executions.WALK_FPS
+
+
+def counted(
+    frames: Iterator[Frame], total: int, progress: Callable[[int, int], None] | None
+) -> Iterator[Frame]:
+    """The frames, of which ``progress`` is told one by one."""
+    for done, frame in enumerate(frames, start=1):
+        yield frame
+        if progress is not None:
+            progress(done, total)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,12 +14,18 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.posture import Sampler
-from stancekit.planners.projection.project import Projection
-from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.search.methods import PlannerOptions, Solver, make_planner, through_verifier
+from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 
-MADE = "a planner that was made before"
+from .upgrading import old_arguments
+
+OLD = {
+    "envelopes": "solve(problem, TwoStage(envelopes=...))",
+    "projection": "solve(problem, TwoStage(projection=...))",
+    "solver": "solve(problem, Micp(solver=...))",
+    "intervals": "solve(problem, Micp(intervals=...))",
+}
 
 MOST_PROBLEMS = 1_000_000
 """Problems drawn into memory at once."""
@@ -31,7 +36,7 @@ def sample(
     problems: str | Sampler,
     count: int = 1,
     *,
-    robot: str | Path | None = None,
+    robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
     rng: np.random.Generator | int = 0,
 ) -> list[PostureProblem]:
@@ -43,7 +48,8 @@ def sample(
             ``terrain``), one that a package registered under the entry point ``stancekit.distributions``,
             "FILE.py:NAME", or a YAML file.
         count: how many, 1 or more.
-        robot: whose limbs they are, a built-in name, a .urdf file, or a .yaml file that names one; with a name only.
+        robot: whose limbs they are: a ``Robot``, a name, a .urdf file, or a .yaml file that names one; with a name of
+            a distribution only.
         terrain: a mesh or a grid; with "terrain-k".
         rng: a generator, or a seed; equal seeds give equal problems.
     Returns:
@@ -71,54 +77,51 @@ def sample(
 @checked
 def solve(
     problem: PostureProblem,
-    method: str | Planner = "exact",
+    method: str | Method | Planner = "exact",
     *,
-    envelopes: EnvelopeSet | None = None,
-    projection: Projection | None = None,
-    solver: Solver = "highs",
-    intervals: int = 4,
     time_limit_s: float | None = None,
     engine: Literal["rows", "cvxpy"] = "rows",
+    **old: Any,
 ) -> Outcome:
     """Can the robot hold this posture, and how?
 
     Arguments:
         problem: limbs on patches, see ``PostureProblem``.
-        method: "exact" branches and bounds to a verdict with evidence; "p1" is the relaxation over ``envelopes``;
-            "lift" one without envelopes; "two-stage" relaxation and projection; "nlp" IPOPT; "micp" a piecewise
-            McCormick grid. Or a planner that was made before, which keeps its compiled models from problem to problem
-            (what one from elsewhere says counts as far as the verifier accepts it), the name of one that a package
-            registered under ``stancekit.planners``, or "FILE.py:NAME".
-        envelopes: learned boxes, for p1, two-stage and micp.
-        projection: stage P2 after p1, lift and two-stage: "fix-p", "fix-f", "fix-toes", "scp", "nlp" or
-            "lift-fix-p".
-        solver, intervals: of micp's grid, whose axes have so many pieces, a power of two.
+        method: a value with its settings: ``Exact()`` branches and bounds to a verdict with evidence; ``TwoStage(...)``
+            relaxes, over learned envelopes or by the lift, and projects; ``Nlp()`` is IPOPT; ``Micp(...)`` a piecewise
+            McCormick grid. Or text: "exact", "two-stage", "nlp", "micp" with the settings as they come, "p1" and
+            "lift" without the projection, a name that a package registered under ``stancekit.planners``, or
+            "FILE.py:NAME". Or a planner that was made before, which keeps its compiled models from problem to problem
+            (what one from elsewhere says counts as far as the verifier accepts it).
         time_limit_s: for exact, nlp and micp; what is not decided by then is undecided; 30 where None [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
+        old: settings of methods as arguments, which is the old form.
     Returns:
         An ``Outcome``: feasible with a posture, or infeasible with a certificate, each accepted by the verifier; else
         undecided. The status speaks of the problem itself, whatever relaxation was solved.
     Raises:
-        InvalidInput: for an unknown method, an option that the method has no use for (a planner that was made before
-            has use for none), envelopes that are missing or were learned for other problems, and a solver that is not
-            installed.
+        InvalidInput: for an unknown method, a setting or a limit that it has no use for, envelopes that are missing or
+            were learned for other problems, and a solver that is not installed.
     Source:
         Paper E §II (P, E1-E11), §III (P1, P2).
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
-        >>> outcome = stancekit.solve(problem)
+        >>> outcome = stancekit.solve(problem, stancekit.TwoStage(projection="fix-p"))
         >>> outcome.status.value, outcome.posture.toes_m.shape
         ('feasible', (3, 3))
     """
-    if envelopes is not None:
+    beside = ("problem", "method", "time_limit_s", "engine")
+    settings = old_arguments("solve", old, OLD, beside) if old else {}
+    envelopes = getattr(method, "envelopes", settings.get("envelopes"))
+    if envelopes is not None and hasattr(envelopes, "check_fits"):
         envelopes.check_fits(problem)
-    options = PlannerOptions(
-        envelopes=envelopes, projection=projection, solver=solver, intervals=intervals, time_limit_s=time_limit_s
-    )
-    if isinstance(method, str):
-        return make_planner(method, replace(options, programs=Programs(engine=engine))).solve(problem)
-    options.check_used(MADE, ())
-    if engine != "rows":
-        raise InvalidInput(f"engine: expected none for {MADE}, which has no use for it, got {engine!r}")
+    if isinstance(method, str | Method):
+        options = PlannerOptions(time_limit_s=time_limit_s, programs=Programs(engine=engine))
+        return make_planner(method, options, **settings).solve(problem)
+    for name, given in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
+        if given not in (None, "rows"):
+            raise InvalidInput(
+                f"{name}: expected none for a planner that was made before, which has no use for it, got {given!r}"
+            )
     return through_verifier(method).solve(problem)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal, overload
+from typing import Any, Literal, overload
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.distributions.postures import distribution_of
+from stancekit.learners.data.export import Exported
+from stancekit.learners.data.export import export as exported
 from stancekit.learners.data.labelling import label as labelled
 from stancekit.learners.data.origin import check_unseen
 from stancekit.learners.evaluation.evaluate import Score, check_same_class
@@ -18,13 +20,23 @@ from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fit_settings import FitSettings
 from stancekit.learners.training.fitting import learn
-from stancekit.planners.arguments import checked
+from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import typed
 from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.robot.model import Robot
+
+from .upgrading import old_arguments
+
+OLD = {
+    "feasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
+    "infeasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
+    "natural": "label(..., rows=COUNT)",
+}
+BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "proposers")
 
 
 @checked
@@ -32,14 +44,13 @@ def label(
     problems: str | Sampler,
     folder: str | Path,
     *,
-    robot: str | Path | None = None,
+    robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
-    feasible: int = 500,
-    infeasible: int = 500,
-    natural: bool = False,
+    rows: tuple[int, int] | int = (500, 500),
     seed: int = 0,
     workers: int = 1,
     proposers: str | Path | None = None,
+    **old: Any,
 ) -> Dataset:
     """Draw posture problems and label them exactly into a folder, or go on with one that was begun.
 
@@ -47,11 +58,12 @@ def label(
         problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by its class's.
         folder: of the data set; what is there already is not made again.
         robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets of its legs.
-        feasible, infeasible: rows of each label; the infeasible ones need their moment balance to be so.
-        natural: keep the first samples as they come, whatever their label.
+        rows: how many feasible ones, and how many infeasible ones, which need their moment balance to be so; or one
+            number: the first so many samples as they come, whatever their label.
         seed: of the random stream; use another one for training than for testing.
         workers: processes; the rows do not depend on them.
         proposers: file of ``stancekit proposers``, asked for postures and proofs before any solver; needs torch.
+        old: ``rows`` as feasible, infeasible and natural, which is the old form.
     Returns:
         The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
     Raises:
@@ -61,12 +73,13 @@ def label(
         Algorithm E1.
     Example:
         >>> import stancekit
-        >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
         >>> len(train), train.labels[0] in ("feasible", "infeasible")
         (12, True)
     """
+    wanted = _rows(rows, old_arguments("label", old, OLD, BESIDE) if old else {})
     name, source, asked = problems, None, None
-    if not isinstance(problems, str):
+    if not isinstance(problems, str) or isinstance(robot, Robot):
         source = distribution_of(problems, robot=robot, terrain=terrain)
         name = source.name
     if proposers is not None:
@@ -74,8 +87,9 @@ def label(
 
         asked = Proposers.load(proposers)
     plan = LabelPlan(
-        distribution=str(name), feasible=feasible, infeasible=infeasible, natural=natural, seed=seed,
-        robot=None if robot is None else str(robot), terrain=None if terrain is None else str(terrain),
+        distribution=str(name), **wanted, seed=seed,
+        robot=None if robot is None or source is not None else str(robot),
+        terrain=None if terrain is None or source is not None else str(terrain),
         proposers=None if asked is None else asked.digest,
     )  # fmt: skip
     labelled(plan, folder, workers=workers, source=source, proposers=asked)
@@ -83,6 +97,36 @@ def label(
 
 
 Rows = Dataset | str | Path
+
+
+@checked
+def export(
+    dataset: Rows,
+    folder: str | Path,
+    *,
+    room: float = 0.02,
+    progress: Callable[[int, int], None] | None = None,
+) -> Exported:
+    """Write labelled rows as a Minari data set: one-step episodes of EnvelopeSelection-v0, acted by the expert.
+
+    Arguments:
+        dataset: what ``label`` returned, or its folder.
+        folder: a new folder, or an empty one; nothing is written anywhere else.
+        room: how far every side of the expert's box is moved out, non-dimensional.
+        progress: called with episodes written, and all.
+    Returns:
+        An ``Exported``: where it is, how many episodes, and what the expert's boxes come to.
+    Raises:
+        InvalidInput: for a folder that holds something, rows that are missing, and without Minari (extra datasets).
+    Source:
+        None: Minari's format.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
+        >>> stancekit.export(train, "minari").episodes
+        12
+    """
+    return exported(_opened(dataset), Path(folder), room=room, progress=progress)
 
 
 @overload
@@ -112,7 +156,7 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
         Paper E §III-B, Algorithm E2; §IV-A.
     Example:
         >>> import stancekit
-        >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
         >>> stancekit.fit(train, "quantile", share=0.1).envelopes.legs
         ('RF', 'RR', 'LM')
     """
@@ -148,8 +192,8 @@ def evaluate(
         Paper E Table I.
     Example:
         >>> import stancekit
-        >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
-        >>> test = stancekit.label("wall-3", "test", feasible=6, infeasible=6, seed=1)
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
+        >>> test = stancekit.label("wall-3", "test", rows=(6, 6), seed=1)
         >>> score = stancekit.evaluate(stancekit.fit(train, "quantile"), test)
         >>> score.p1_feasible.of, score.p1_infeasible.of
         (6, 6)
@@ -167,6 +211,20 @@ def evaluate(
     return rolled_out(
         name, learned, scenes, problem_class=rows.problem_class, projections=tuple(projections)
     )
+
+
+def _rows(rows: tuple[int, int] | int, old: dict[str, Any]) -> dict[str, Any]:
+    """The rows as a ``LabelPlan`` has them. Raises InvalidInput."""
+    for name, value in old.items():
+        check_argument(name, value, bool if name == "natural" else int)
+    if old:
+        return {"feasible": 500, "infeasible": 500, **old}
+    if not isinstance(rows, tuple) or len(rows) != 2:
+        check_argument("rows", rows, int)
+        return {"feasible": rows, "infeasible": 0, "natural": True}
+    for count in rows:
+        check_argument("rows", count, int)
+    return {"feasible": rows[0], "infeasible": rows[1]}
 
 
 def _opened(rows: Rows) -> Dataset:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,29 +14,36 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, plan_gait
 from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.single_body import GaitRobot
-from stancekit.planners.robot.walker import named_walker
+from stancekit.planners.robot.walker import walker_from
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import named_terrain
+
+from .upgrading import old_arguments
+
+FURTHER = ("start_yaw_rad", "end_yaw_rad", "friction", "adhesive", "suction_n", "cycle_s", "timings")
+"""Fields of a ``GaitTask`` that ``walk`` takes by their names."""
+OLD = {
+    "heading_rad": "walk(..., start_yaw_rad=...)",
+    "heading_end_rad": "walk(..., end_yaw_rad=...)",
+    "total_s": "walk(..., time_limit_s=...)",
+}
+NOW = {"heading_rad": "start_yaw_rad", "heading_end_rad": "end_yaw_rad", "total_s": "time_limit_s"}
 
 
 @checked
 def walk(
-    terrain: HeightField | str,
+    terrain: HeightField | str | Path,
     goal_xy_m: Array | Sequence[float],
     *,
     start_xy_m: Array | Sequence[float] = (0.0, 0.0),
-    heading_rad: float = 0.0,
-    heading_end_rad: float | None = None,
-    robot: GaitRobot | str | Path | None = None,
+    robot: Robot | GaitRobot | str | Path = "anymal",
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] = "trot",
-    cycle_s: float | None = None,
     duration_s: float = 10.0,
-    friction: float = 0.75,
-    adhesive: Sequence[str] = (),
-    suction_n: float | None = None,
     chart: str = "portfolio",
-    total_s: float = 240.0,
+    time_limit_s: float = 240.0,
+    **task: Any,
 ) -> GaitPlan:
     """Find a walk over a terrain: the motion of the torso, footholds and contact forces.
 
@@ -44,21 +51,17 @@ def walk(
         terrain: a ``HeightField``, a name ("ripple", "cone", "hill", "pit", ...), a random one as "rough:0.5:7"
             (family, difficulty, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
-        heading_rad: which way the robot faces at the start, from x towards y [rad].
-        heading_end_rad: which way it faces at the end; None where nothing is asked. It turns by the difference of the
-            two, on the spot where the goal is the start [rad].
-        robot: "anymal", "hexapod", a .urdf file, a .yaml file that names one or has a walker's numbers, or what
-            ``load`` gives of such a file; ANYmal where there is none.
+        robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a walker's numbers, a
+            ``Robot`` with legs of its own, or what ``load`` gives of such a file.
         gait: order of the steps; tripod is for six feet, the others are for four.
-        cycle_s: how long a cycle of it lasts; its own if missing, shorter for a low robot that balances on two
-            feet [s].
         duration_s: time to walk [s].
-        friction: Coulomb coefficient ν of the ground.
-        adhesive: names of feet that stick: they may pull.
-        suction_n: what such a foot may pull with, and where its friction cone begins; twice the weight if missing [N].
         chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or "FILE.py:NAME"); "portfolio"
             tries one after another until the verifier accepts.
-        total_s: processor time of all solves; the best walk until then is the answer [s].
+        time_limit_s: processor time of all solves; the best walk until then is the answer [s].
+        task: further fields of ``GaitTask``: start_yaw_rad, end_yaw_rad (which way it faces at the start, from x
+            towards y, and at the end; it turns by the difference of the two [rad]), friction (Coulomb's ν of the
+            ground, 0.75), adhesive (names of feet that stick: they may pull), suction_n (with how much; twice the
+            weight where it is missing [N]), cycle_s (of the gait; its own where it is missing [s]), timings.
     Returns:
         A ``GaitPlan``: ``trajectory`` is the walk that the verifier accepted, None where there is none, and ``message``
         says in one line what came of it.
@@ -74,22 +77,27 @@ def walk(
         >>> found.verified, found.trajectory.feet_m.shape[1:]
         (True, (4, 3))
     """
-    body = robot if isinstance(robot, GaitRobot) else named_walker(robot or "anymal")
-    if strange := [name for name in adhesive if name not in body.foot_names]:
-        raise InvalidInput(f"adhesive: expected some of {', '.join(body.foot_names)}, got {', '.join(strange)}")
-    task = GaitTask(
+    beside = ("terrain", "goal_xy_m", "start_xy_m", "robot", "gait", "duration_s", "chart", "time_limit_s", *FURTHER)
+    old = {name: value for name, value in task.items() if name not in FURTHER}
+    given = {name: value for name, value in task.items() if name in FURTHER}
+    given |= {NOW[name]: value for name, value in old_arguments("walk", old, OLD, beside).items()}
+    limit_s = given.pop("time_limit_s", time_limit_s)
+    body = walker_from(robot)
+    sticky = given.pop("adhesive", ())
+    if isinstance(sticky, str) or not isinstance(sticky, Sequence):
+        raise InvalidInput(f"adhesive: expected a sequence (text each), got {sticky!r}")
+    if strange := [name for name in sticky if name not in body.foot_names]:
+        wanted = f"some of {', '.join(body.foot_names)}"
+        raise InvalidInput(f"adhesive: expected {wanted}, got {', '.join(map(str, strange))}")
+    asked = GaitTask(
         robot=body,
-        terrain=named_terrain(terrain) if isinstance(terrain, str) else terrain,
+        terrain=named_terrain(str(terrain)) if isinstance(terrain, str | Path) else terrain,
         start_xy_m=np.asarray(start_xy_m, dtype=np.float64),
         goal_xy_m=np.asarray(goal_xy_m, dtype=np.float64),
-        start_yaw_rad=heading_rad,
-        end_yaw_rad=heading_end_rad,
         duration_s=duration_s,
-        friction=friction,
-        adhesive=tuple(name in adhesive for name in body.foot_names),
-        suction_n=suction_n,
+        adhesive=tuple(name in sticky for name in body.foot_names),
         gait=gait,
-        cycle_s=cycle_s,
+        **given,
     )
     attempts = None if chart == "portfolio" else [Attempt(chart=chart)]
-    return plan_gait(task, caps=Caps(total_s=total_s), attempts=attempts)
+    return plan_gait(asked, caps=Caps(total_s=limit_s), attempts=attempts)

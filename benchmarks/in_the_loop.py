@@ -30,10 +30,10 @@ import numpy as np
 from _bench import Options, launch
 from closed_loop import Ran, course_of, solved, summary
 
-from stancekit.cli.policy import read_policy
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.evaluation.evaluate import Share
+from stancekit.motions import policy_of
 from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.candidates import NoFooting
@@ -72,7 +72,7 @@ class Arguments(Options):
 def main(arguments: Arguments) -> None:
     """Measure and print."""
     like = read_course("icy-walls")
-    policies = {path.name: read_policy(str(path), like) for path in arguments.selectors}
+    policies = {path.name: policy_of(str(path), like) for path in arguments.selectors}
     for part, wanted in ((on_ice, arguments.count), (walked, arguments.episodes), (unknown_friction, arguments.runs)):
         if wanted:
             part(arguments, {LIFT: Way(None)} | {name: Way(policy) for name, policy in policies.items()})

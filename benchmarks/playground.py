@@ -4,7 +4,7 @@ For each course changes are made one after the other, each when the answer to th
 its arrow, and the friction by its slider, in turn. The time is that from the mouse event to the verdict and the limbs'
 table in the document; "painted": to the second frame after, which without a GPU is the browser's own drawing of every
 pixel. `--no-browser`: from the change to the last message that is sent. Beside it CPU time of the process that plans
-and draws, by part.
+and draws, by part; and, as a yardstick, how long the same answer takes without a page, asked for after each change.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 import tyro
 from _bench import Options, launch
 
+from stancekit.views.playground.answer import quick_answer
 from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.playground import Playground
 from stancekit.views.playground.serving import served
@@ -50,6 +51,8 @@ class Playing(Options):
     changes: int = 200
     robot: str = ""
     browser: bool = True
+    draws: bool = True
+    """Whether the browser draws the scene; without a GPU that may take all of a processor."""
     painted: bool = False
     """Wait for the picture, too."""
     size_px: tuple[int, int] = (1400, 800)
@@ -86,11 +89,15 @@ def _drawn(page: Any, picture: Path, size_px: tuple[int, int], folder: Path) -> 
 
 
 class _Clock:
-    """When the answer to a change was drawn on the server's side, and what that cost."""
+    """When the answer to a change was drawn on the server's side, and what that cost.
+
+    alone: what the same answer took without a page [s].
+    """
 
     def __init__(self, playground: Playground) -> None:
         self.drawn = threading.Event()
         self.rows: list[dict[str, float]] = []
+        self.alone: list[float] = []
         before = playground.session._on_answer
 
         def on_answer(number: int, scenario: Any, answer: Any, since: float) -> None:
@@ -104,6 +111,12 @@ class _Clock:
                 self.drawn.set()
 
         playground.session._on_answer = on_answer
+
+    def answer_alone(self, playground: Playground) -> None:
+        """The yardstick, at the scene as it is now."""
+        begin = time.perf_counter()
+        quick_answer(playground.session.scenario)
+        self.alone.append(time.perf_counter() - begin)
 
 
 def _edits(playground: Playground, count: int) -> list[tuple[str, Any]]:
@@ -131,8 +144,11 @@ def _served(page: Any, options: Playing) -> dict[str, Any]:
         else:
             playground.session.change(lambda scenario, value=value: scenario.dragged("goal", value))
         assert clock.drawn.wait(30.0)
+        begin = time.process_time()
+        clock.answer_alone(playground)
+        cpu += time.process_time() - begin
     cpu = time.process_time() - cpu
-    return _figures([row["s"] for row in clock.rows], clock.rows, cpu / options.changes)
+    return _figures([row["s"] for row in clock.rows], clock, cpu / options.changes)
 
 
 def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
@@ -141,13 +157,16 @@ def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
     from tests.emulators.playground import middle_of, pixel_of
 
     playground, times = page.playground, list[Any]()
-    with opened(page.address, folder / "profile", options.size_px) as tab:
+    with opened(page.address, folder / "profile", options.size_px, draws=options.draws, seldom=False) as tab:
         tab.wait_for("document.querySelector('#verdict') !== null")
         time.sleep(3.0)
         tab.value(WATCH)
         clock, cpu = _Clock(playground), time.process_time()
+        first = playground.session.scenario.course().goal_m
         x, y = middle_of(tab, "document.querySelector('[role=slider]')")
-        for k in range(options.changes):
+        for k in range(2 * options.changes):
+            if len(times) == options.changes:
+                break  # a drag of less than a step changes nothing, and does not count
             before = playground.session.number
             if k % 2:
                 place = (x + 30.0 * np.sin(k * TURN) - 20.0, y)
@@ -156,8 +175,8 @@ def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
             else:
                 goal = playground.session.scenario.course().goal_m
                 start = pixel_of(page, tab, goal + 0.10 * UP)
-                up = 0.03 * np.sin(k * TURN) + (0.01 if np.sin(k * TURN) >= 0.0 else -0.01)
-                place = pixel_of(page, tab, goal + (0.10 + up) * UP)
+                up = (0.02 if k % 4 else -0.02) + 0.01 * np.sin(k * TURN)
+                place = pixel_of(page, tab, first + (0.10 + up) * UP)
                 tab.mouse("mouseMoved", *start)
                 tab.mouse("mousePressed", *start)
             began = time.time()
@@ -174,22 +193,27 @@ def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
                         tab.wait_for(f"{answers}[1]", 20.0)
                 times.append(1e-3 * np.array(tab.value(answers), dtype=np.float64) - began)
             tab.mouse("mouseReleased", *place)
+            begin = time.process_time()
+            clock.answer_alone(playground)
+            cpu += time.process_time() - begin
             time.sleep(0.05)
         cpu = time.process_time() - cpu
     read, painted = np.array(times).T
     painted = painted[painted > 0.0]
-    row = {"drags": len(times), **_figures(read, clock.rows, cpu / options.changes)}
+    row = {"drags": len(times), **_figures(read, clock, cpu / len(times))}
     return {**row, "painted": len(painted), "painted_median_ms": _ms(np.median(painted))} if options.painted else row
 
 
-def _figures(times: Any, rows: list[dict[str, float]], cpu_s: float) -> dict[str, Any]:
+def _figures(times: Any, clock: _Clock, cpu_s: float) -> dict[str, Any]:
     """Median and worst in ms, and CPU time by part, the median of each, and the worst of their sum."""
+    rows = clock.rows
     names = ("layout", "search", "drawing")
     parts = {f"{name}_cpu_ms": _ms(np.median([row[name] for row in rows])) for name in names}
     return {
         "median_ms": _ms(np.median(times)), "p95_ms": _ms(np.quantile(times, 0.95)), "worst_ms": _ms(np.max(times)),
-        **parts, "worst_cpu_ms": _ms(max(sum(row[name] for name in names) for row in rows)),
-        "process_cpu_ms": _ms(cpu_s), "load": round(os.getloadavg()[0], 1),
+        "alone_median_ms": _ms(np.median(clock.alone)), **parts,
+        "worst_cpu_ms": _ms(max(sum(row[name] for name in names) for row in rows)), "process_cpu_ms": _ms(cpu_s),
+        "load": round(os.getloadavg()[0], 1),
     }  # fmt: skip
 
 

@@ -179,7 +179,7 @@ def planned(
     far = way[1] * HEIGHTS * robot.stand_height_m
     goal = far * np.cos(way[0]), far * np.sin(way[0])
     try:
-        found = stancekit.walk(terrain, goal, robot=robot, friction=friction, total_s=120.0)
+        found = stancekit.walk(terrain, goal, robot=robot, friction=friction, time_limit_s=120.0)
     except InvalidInput as error:  # ground that it cannot stand on, for one
         return str(error)
     if found.trajectory is None:

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from stancekit.planners.errors import InvalidInput
 
 from .gait_options import place
-from .options import OptionalFloat, OptionalPath, OptionalText
+from .options import OptionalFloat, OptionalText
 from .terrain_options import OF_FILE, FootholdOptions, TerrainFile, in_options
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.problem.course import Course
     from stancekit.planners.problem.file_terrain import FileTerrain
-    from stancekit.planners.robot.contact_robot import Sets
+    from stancekit.planners.robot.model import Robot
+    from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 
 
 @dataclass
@@ -38,23 +41,63 @@ class Between:
     footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=FootholdOptions)
     """What counts as a foothold."""
 
-    def course(
-        self, name: str, frames: int | None, robot: str | None, sets: Sets = "inner", reach: OptionalPath = None
-    ) -> Course:
-        """The course of a file or a name, or over a terrain's file from start to goal. Raises InvalidInput."""
+    def question(
+        self, name: str, frames: int | None, robot: str | None, reach: Path | None
+    ) -> Footholds | Course | str:
+        """What ``stancekit.plan`` takes as the course. Raises InvalidInput for options that do not go together."""
         from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.terrain.import_options import SUFFIXES
 
+        suffix = Path(name).suffix.lower()
         if self.start is None and self.goal is None:
-            if Path(name).suffix.lower() in SUFFIXES:
+            if suffix in SUFFIXES:
                 raise InvalidInput(f"--start: expected --start X,Y and --goal X,Y with the terrain {name}, got none")
             self._check_unused(name)
-            return read_course(name, frames, robot, sets, reach)
+            return name if reach is None else read_course(name, frames, robot, reach=reach)
         if self.start is None or self.goal is None:
             raise InvalidInput("--start: expected --start X,Y and --goal X,Y together, got one of them")
-        if Path(name).suffix.lower() not in SUFFIXES:
+        if suffix not in SUFFIXES:
             raise InvalidInput(f"--start: expected a terrain's file with it, {', '.join(SUFFIXES)}, got {name}")
-        return self._laid_out(name, frames, robot, sets, reach)
+        return self.found(name, robot)
+
+    def asked(self, frames: int | None, robot: str | None, reach: Path | None) -> dict[str, Any]:
+        """The arguments of ``stancekit.plan`` that say where, in how many frames and by whom."""
+        if self.start is None or self.goal is None:
+            return {} if reach is not None else {"frames": frames, "robot": robot}
+        start, goal = (place.tolist() for place in self.places())
+        who: Robot | str | None = robot
+        if reach is not None:
+            from stancekit.planners.robot.reach_file import read_reach
+            from stancekit.planners.robot.robot_file import robot_of
+
+            made = robot_of(robot or "hexapod")
+            who = read_reach(reach, made.limb_names).applied(made)
+        return {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
+
+    def course(self, name: str, frames: int | None, robot: str | None) -> Course:
+        """The course of a file or a name, or over a terrain's file from start to goal. Raises InvalidInput."""
+        from stancekit.planners.problem.course_between import laid_between
+        from stancekit.planners.problem.course_file import read_course
+        from stancekit.planners.terrain.footholds import Footholds
+
+        with self.in_options():
+            question = self.question(name, frames, robot, None)
+            if not isinstance(question, Footholds):
+                return read_course(name, frames, robot)
+            start, goal = (place.tolist() for place in self.places())
+            return laid_between(question, start, goal, robot=robot, frames=frames)("inner")
+
+    @contextmanager
+    def in_options(self) -> Iterator[None]:
+        """Let messages name places and the terrain's settings as the options that give them."""
+        with in_options():
+            try:
+                yield
+            except InvalidInput as error:
+                text = str(error)
+                for name in ("start", "goal"):
+                    text = text.replace(f"{name}_xy_m:", f"--{name}:") if text.startswith(name) else text
+                raise InvalidInput(text) from None
 
     def _check_unused(self, name: str) -> None:
         """Raise InvalidInput for what only a terrain's file has a use for."""
@@ -63,21 +106,6 @@ class Between:
                 if not hasattr(value, "__dataclass_fields__") and getattr(of, key) != value:
                     said = f"--{key.replace('_', '-')}: expected a terrain's file with it, got {name}"
                     raise InvalidInput(said + (_where_friction_is(name) if key == "friction" else ""))
-
-    def _laid_out(self, name: str, frames: int | None, robot: str | None, sets: Sets, reach: OptionalPath) -> Course:
-        from stancekit.planners.problem.course_between import course_between
-        from stancekit.planners.problem.course_layout import build_course
-
-        start, goal = self.places()
-        terrain = self.terrain(name, robot)
-        given = None if robot is None else str(Path(robot).resolve()) if Path(robot).suffix else robot
-        with in_options():
-            try:
-                spec = course_between(terrain, start.tolist(), goal.tolist(), robot=given, frames=frames)
-                return build_course(spec, sets=sets, reach=reach)
-            except InvalidInput as error:
-                text = str(error)
-                raise InvalidInput(f"--{text}" if text.startswith(("start:", "goal:")) else text) from None
 
     def places(self) -> tuple[Array, Array]:
         """Start and goal, shape (2,) [m]. Raises InvalidInput."""
@@ -90,24 +118,37 @@ class Between:
             raise InvalidInput(f"--start, --goal: expected finite places, got {self.start} and {self.goal}")
         return start, goal
 
+    def found(self, name: str, robot: str | None) -> Footholds:
+        """The footholds of the terrain's file for the feet of a robot. Raises InvalidInput."""
+        from stancekit.terrains import terrain
+
+        friction, limits = self._friction(), self._limits(robot)
+        with in_options():
+            return terrain(Path(name), friction=friction, limits=limits, **vars(self.file.options()))
+
     def terrain(self, name: str, robot: str | None) -> FileTerrain:
-        """The terrain's file, with footholds for the feet of a robot. Raises InvalidInput."""
+        """The terrain's file as a description, whose footholds are found when they are asked for."""
         from dataclasses import asdict
 
-        import numpy as np
-
         from stancekit.planners.problem.file_terrain import FileTerrain, FootholdKeys
-        from stancekit.planners.robot.robot_file import named_robot
 
-        if self.friction is not None and not 0.0 <= self.friction < np.inf:
-            raise InvalidInput(f"--friction: expected a number from 0 on, got {self.friction:g}")
-        model = None if robot in (None, "hexapod") else named_robot(str(robot))
-        keys = asdict(self.file.options())
+        keys = vars(self.file.options())
         return FileTerrain(
-            file=str(Path(name).resolve()), footholds=FootholdKeys(**asdict(self.footholds.limits(model))),
-            friction=0.8 if self.friction is None else self.friction,
+            file=str(Path(name).resolve()),
+            footholds=FootholdKeys(**asdict(self._limits(robot))),
+            friction=self._friction(),
             **{**keys, "kind": keys["kind"] or "file"},
-        )  # fmt: skip
+        )
+
+    def _limits(self, robot: str | None) -> FootholdLimits:
+        return self.footholds.limits(None if robot == "hexapod" else robot)
+
+    def _friction(self) -> float:
+        import math
+
+        if self.friction is not None and not 0.0 <= self.friction < math.inf:
+            raise InvalidInput(f"--friction: expected a number from 0 on, got {self.friction:g}")
+        return 0.8 if self.friction is None else self.friction
 
 
 def _where_friction_is(name: str) -> str:

@@ -30,11 +30,11 @@ class Export:
 
     def run(self) -> int:
         """Export, and read back."""
-        from stancekit.envs.data.dataset import Dataset
-        from stancekit.learners.data.export import export, load_exported
+        from stancekit.learners.data.export import load_exported
+        from stancekit.selectors import export
 
         with progress("export") as bar:
-            done = export(Dataset.open(self.dataset), self.out, room=self.room, progress=bar)
+            done = export(self.dataset, self.out, room=self.room, progress=bar)
         there = load_exported(self.out).total_episodes
         record = {**asdict(done), "root": str(done.root), "read_back": int(there)}
         if self.json:

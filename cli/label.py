@@ -5,14 +5,18 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+
+from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
 from .names import DISTRIBUTION, PROPOSERS, ROBOT, TERRAIN
 from .options import OptionalPath, OptionalText
-from .policy import read_proposers
+
+if TYPE_CHECKING:
+    from stancekit.learners.proposers.proposer import Proposers
 
 
 @dataclass
@@ -60,7 +64,7 @@ class LabelPostures:
         from stancekit.learners.data.executors import executor
         from stancekit.learners.data.labelling import Progress, label
 
-        proposers = None if self.proposers is None else read_proposers(self.proposers)
+        proposers = None if self.proposers is None else _proposers(self.proposers)
         with as_options():
             plan = LabelPlan(
                 distribution=self.problem,
@@ -97,3 +101,12 @@ def _plain(value: dict[str, int] | float | None) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{count} {kind}" for kind, count in value.items() if count)
     return "–" if value is None else f"{value:.3g}"
+
+
+def _proposers(path: Path) -> Proposers:
+    """Networks that propose. Raises InvalidInput for a file that is missing or wrong, and where torch is missing."""
+    try:
+        from stancekit.learners.proposers.proposer import Proposers
+    except ModuleNotFoundError as error:
+        raise InvalidInput(f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'") from None
+    return Proposers.load(path)

@@ -50,6 +50,8 @@ VERBS = {
     "warp": "Warp", "gait": "Gait", "bench": "Bench", "demo": "Demo", "about": "About",
 }  # fmt: skip
 """The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
+COMMANDS = "stancekit.commands"
+"""The group of entry points by which other packages bring commands: NAME = "module:CLASS"."""
 
 
 class Verb(Protocol):
@@ -92,7 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def overview() -> str:
     """What ``stancekit --help`` says: a line or two a verb."""
     usage = "usage: stancekit VERB [OPTIONS]; stancekit VERB --help says more"
-    briefs = (f"  {name:9} {brief(name)}" for name in VERBS)
+    briefs = [f"  {name:9} {brief(name)}" for name in VERBS]
+    briefs += [f"  {name:9} {(point.load().__doc__ or '').partition(chr(10))[0]}" for name, point in _others().items()]
     lines = (textwrap.fill(brief, width=80, subsequent_indent=" " * 12) for brief in briefs)
     return "\n".join([usage, "", DESCRIPTION, "", "Verbs:", *lines])
 
@@ -120,8 +123,9 @@ def parse(arguments: Sequence[str]) -> Verb:
     from .console import complain
     from .slips import slip
 
-    if arguments[0] not in VERBS:
-        complain(f"stancekit: error: VERB: expected one of {', '.join(VERBS)}, got {arguments[0]!r}")
+    if arguments[0] not in VERBS and arguments[0] not in _others():
+        known = ", ".join((*VERBS, *_others()))
+        complain(f"stancekit: error: VERB: expected one of {known}, got {arguments[0]!r}")
         sys.exit(2)
     for name, count in Counter(filter(None, map(_option, arguments[1:]))).items():
         if count > 1:  # else the last one would silently count alone
@@ -172,8 +176,21 @@ def _option(argument: str) -> str:
 
 
 def _verb(name: str) -> type[Verb]:
+    if name not in VERBS:
+        from stancekit.planners.plugins import foreign
+
+        with foreign(f"command {name}"):
+            theirs: type[Verb] = _others()[name].load()
+        return theirs
     verb: type[Verb] = getattr(import_module(f".{name}", __package__), VERBS[name])
     return verb
+
+
+def _others() -> dict[str, Any]:
+    """The entry points of commands of other packages, by name; none takes over one of ours."""
+    from importlib.metadata import entry_points
+
+    return {point.name: point for point in entry_points(group=COMMANDS) if point.name not in VERBS}
 
 
 def run(verb: Verb) -> int:

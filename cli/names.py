@@ -10,6 +10,9 @@ NAMES = {
     "stancekit.planners.projection.project:PROJECTIONS": (
         "stancekit.projections", ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
     ),
+    "stancekit.planners.relaxation.table:RELAXATIONS": (
+        "stancekit.relaxations", ("p1", "joint", "coned", "lift"),
+    ),
     "stancekit.planners.search.methods:PLANNERS": (
         "stancekit.planners", ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
     ),

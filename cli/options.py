@@ -6,7 +6,7 @@ tyro knows ``Optional``; for ``X | None`` it imports typeguard, which takes .1 s
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Optional, TypeAlias
@@ -24,21 +24,30 @@ MOST_INTERVALS = 64
 """A finer grid takes minutes to write down and more memory than most machines have."""
 
 
-def check_planner(verb: Any, by: str, known: Collection[str], uses: Mapping[str, Sequence[str]]) -> None:
+def check_planner(command: Any, by: str, known: Sequence[str], planners: Any) -> None:
     """Raise InvalidInput for a limit that is out of range, or an option that the planner does not know.
 
-    verb: has time_limit_s, intervals, and under ``by`` its planner. uses: which planners of those known an option is
-    for, where it is not for all.
+    command: has time_limit_s, intervals, and under ``by`` its planner.
+    known: the names of the package's own.
+    planners: their registry.
     """
-    if verb.time_limit_s is not None and not 0.0 < verb.time_limit_s <= LONGEST_S:
-        raise InvalidInput(f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {verb.time_limit_s:g}")
-    if verb.intervals > MOST_INTERVALS:
-        raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {verb.intervals}")
-    chosen = getattr(verb, by)
-    for field in fields(verb):
-        planners = uses.get(field.name, (chosen,))
-        if chosen in known and chosen not in planners and getattr(verb, field.name) != field.default:
-            raise InvalidInput(f"--{field.name}: expected --{by} {' or '.join(planners)} with it, got {chosen}")
+    from stancekit.planners.search.methods import settings_of
+
+    if command.time_limit_s is not None and not 0.0 < command.time_limit_s <= LONGEST_S:
+        got = f"got {command.time_limit_s:g}"
+        raise InvalidInput(f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, {got}")
+    if command.intervals > MOST_INTERVALS:
+        raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {command.intervals}")
+    chosen = getattr(command, by)
+    if chosen not in known:
+        return
+    takes = {name: settings_of(name, planners) for name in known}
+    every = {one for taken in takes.values() for one in taken}
+    for field in fields(command):
+        setting = "envelopes" if field.name == "envelope" else field.name
+        if setting in every and setting not in takes[chosen] and getattr(command, field.name) != field.default:
+            fitting = " or ".join(name for name in known if setting in takes[name])
+            raise InvalidInput(f"--{field.name}: expected --{by} {fitting} with it, got {chosen}")
 
 
 def check_drawn(picture: Path | None = None, video: Path | None = None, html: Path | None = None) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -38,7 +38,7 @@ class Picture:
         """Solve, draw, write."""
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.formats.answer_file import read_envelopes, read_problems
-        from stancekit.planners.search.methods import PlannerOptions, make_planner
+        from stancekit.planners.search.methods import make_planner
         from stancekit.planners.verify import explain
         from stancekit.views.postures import draw_posture
         from stancekit.views.sheet import save
@@ -59,10 +59,10 @@ class Picture:
         caption, why, posture, chosen, status = "", "", None, 0, None
         if self.method != "none":
             staged, boxed = self.method in ("lift", "two-stage"), self.method == "two-stage"
-            options = PlannerOptions(
-                envelopes=envelopes if boxed else None, projection=self.projection if staged else None
-            )
-            outcome = make_planner(self.method, options).solve(problem)
+            settings: dict[str, Any] = {"projection": self.projection} if staged else {}
+            if boxed and envelopes is not None:
+                settings["envelopes"] = envelopes
+            outcome = make_planner(self.method, **settings).solve(problem)
             posture, status = outcome.posture, outcome.status.value
             chosen = int(outcome.details.get("chosen", 0))
             caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.seconds:.1f} ms"

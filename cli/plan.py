@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,20 +23,9 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.plan_outcome import PlanOutcome
     from stancekit.planners.problem.course import Course
     from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
-    from stancekit.planners.robot.contact_robot import Sets
     from stancekit.planners.search.answer import CoursePlanner
-    from stancekit.planners.search.plan_course import LayOut
     from stancekit.planners.verify import Report
 
-OF_PLANNERS = {
-    "reserve": ("two-stage",),
-    "relaxation": ("two-stage",),
-    "envelope": ("two-stage", "micp"),
-    "projection": ("two-stage", "micp"),
-    "solver": ("micp",),
-    "intervals": ("micp",),
-}
-"""Which planners an option is for, where it is not for all."""
 SETTINGS = ("planner", "relaxation", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
 """What a planner's complaint may begin with that is an option here."""
 
@@ -69,9 +57,9 @@ class PlanCourse:
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
     piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice. One of
     your own counts as far as the verifier accepts its plans and certificates."""
-    relaxation: Annotated[Literal["lift", "envelope", None], tyro.conf.arg(metavar="{lift,envelope}")] = None
-    """First stage of two-stage: lift needs nothing learned, envelope is the paper's and needs --envelope; the one that
-    fits unless named."""
+    relaxation: Annotated[OptionalText, named("stancekit.planners.relaxation.table:RELAXATIONS")] = None
+    """First stage of two-stage: lift needs nothing learned; p1, the paper's, and coned, which is tighter, are over
+    --envelope; the one that fits unless named."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
     """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names one (extra kin). Plans
     use what its legs reach, and joint angles are found for every key frame."""
@@ -123,25 +111,22 @@ class PlanCourse:
 
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
+        from stancekit.courses import plan
         from stancekit.planners.answer.outcome import Status
         from stancekit.planners.formats.proof_file import write_proof
-        from stancekit.planners.search.plan_course import ALL_FRICTION, plan_course
 
-        deadline = time.perf_counter() + self.time_limit_s
         self._check()
-        planner = self._planner()
-        first = self._laid_out("inner")
-
-        def laid_out(sets: Sets) -> Course:
-            return first if sets == "inner" else self._laid_out(sets)
-
-        question: Course | LayOut = first if self.course.endswith(".json") else laid_out
-        with progress(f"plan {first.name} by {self.planner}"):
-            outcome = plan_course(
-                question, planner, shares=None if self.reserve else ALL_FRICTION, limits=self._limits(),
-                deadline=deadline,
-            )  # fmt: skip
-        course, report = outcome.problem or first, outcome.report
+        planner, limits = self._planner(), self._limits()
+        with progress(f"plan {Path(self.course).stem} by {self.planner}"), self.between.in_options():
+            outcome = plan(
+                self.between.question(self.course, self.frames, self.robot, self.reach),
+                planner,
+                **self.between.asked(self.frames, self.robot, self.reach),
+                body=limits,
+                time_limit_s=self.time_limit_s,
+            )
+        course, report = outcome.problem, outcome.report
+        assert course is not None
         if outcome.plan is not None and report is not None:
             self._write(outcome.plan, report)
         proved = outcome.certificate is not None
@@ -166,23 +151,18 @@ class PlanCourse:
         with as_options("torque_nm", "torque_share", "clearance_m"):
             return WholeBodyLimits(torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m)
 
-    def _laid_out(self, sets: Sets) -> Course:
-        """The course over these sets of the robot's legs; folders of reach are in place of the inner ones."""
-        reach = self.reach if sets == "inner" else None
-        return self.between.course(self.course, self.frames, self.robot, sets, reach)
-
     def _outputs(self) -> list[Path]:
         return [path for path in (self.out, self.picture, self.video, self.html) if path is not None]
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file that cannot be."""
         from stancekit.planners.files.writing import check_writable
-        from stancekit.planners.search.methods import COURSE_METHODS
+        from stancekit.planners.search.methods import COURSE_METHODS, COURSE_PLANNERS
 
-        check_planner(self, "planner", COURSE_METHODS, OF_PLANNERS)
+        check_planner(self, "planner", COURSE_METHODS, COURSE_PLANNERS)
         self._limits()
-        if self.relaxation == "envelope" and self.envelope is None:
-            raise InvalidInput("--relaxation: expected --envelope FILE with envelope, got none")
+        if self.relaxation not in (None, "lift") and self.envelope is None:
+            raise InvalidInput(f"--relaxation: expected --envelope FILE with {self.relaxation}, got none")
         if self.relaxation == "lift" and self.envelope is not None:
             raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
         targets: list[tuple[str, Path | None]] = [("--proof", self.proof)]
@@ -204,17 +184,26 @@ class PlanCourse:
     def _planner(self) -> CoursePlanner:
         from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.formats.answer_file import read_boxes
-        from stancekit.planners.search.methods import COURSE_METHODS, EVERY_OPTION, PlannerOptions, make_course_planner
+        from stancekit.planners.search.methods import (
+            COURSE_PLANNERS,
+            PlannerOptions,
+            make_course_planner,
+            settings_of,
+        )
 
-        taken = COURSE_METHODS.get(self.planner, EVERY_OPTION)
-        envelopes = None if self.envelope is None else read_boxes(self.envelope)
+        given = {
+            "relaxation": self.relaxation,
+            "envelopes": None if self.envelope is None else read_boxes(self.envelope),
+            "projection": self.projection,
+            "reserve": self.reserve,
+            "solver": self.solver,
+            "intervals": self.intervals,
+        }
         with as_options(*SETTINGS):
-            options = PlannerOptions(
-                relaxation=self.relaxation, envelopes=envelopes, solver=self.solver,
-                projection=self.projection if "projection" in taken else None,
-                intervals=self.intervals, time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine),
-            )  # fmt: skip
-            return make_course_planner(self.planner, options)
+            taken = settings_of(self.planner, COURSE_PLANNERS)
+            options = PlannerOptions(time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine))
+            settings = {name: value for name, value in given.items() if name in taken}
+            return make_course_planner(self.planner, options, **settings)
 
     def _write(self, plan: Plan, report: Report) -> None:
         """Write the files that were asked for. report: the verifier's, of this plan."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,7 +14,6 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, err, out, progress
 from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_log
-from .policy import read_policy
 from .run_film import film
 from .run_table import loop_table, run_table, unused
 from .stops import stop_sources
@@ -23,17 +21,12 @@ from .stops import stop_sources
 if TYPE_CHECKING:
     from stancekit.planners.problem.course import Course
     from stancekit.planners.robot.actuators import Actuators
-    from stancekit.planners.terrain import Patch
     from stancekit.runner.acceptance import Accepted, AcceptedGait
-    from stancekit.runner.log import Log
-    from stancekit.runner.run import Runner
-    from stancekit.runner.safety.heartbeat import HeartbeatMonitor
+    from stancekit.runner.control.envelope_choice import SelectorPolicy
+    from stancekit.runner.control.loop_report import LoopReport
     from stancekit.runner.settings import RunSettings
-    from stancekit.runner.worlds import World, WorldClass
+    from stancekit.runner.worlds import WorldClass
     from stancekit.runner.worlds.settings import EstopCheck
-
-Done = tuple[bool, dict[str, Any], Table]
-"""Whether it succeeded, the report, and the report for people."""
 
 
 @dataclass
@@ -115,8 +108,10 @@ class Run:
 
     def run(self) -> int:
         """Check, run, report."""
-        from stancekit.runner.acceptance import Accepted
-        from stancekit.runner.run import Runner
+        from stancekit.motions import LIFT, policy_of, run
+        from stancekit.planners.problem.course import Course
+        from stancekit.runner.acceptance import Accepted, AcceptedGait
+        from stancekit.runner.report import RunReport
         from stancekit.runner.safety.estop import on_signals
         from stancekit.runner.worlds import WORLDS, WorldSettings
 
@@ -124,6 +119,7 @@ class Run:
             kind = WORLDS.get(self.world)
         self._check(kind)
         request = self._request()
+        policy, led = None, self.policy is not None
         with ExitStack() as stack:
             made_for = request.plan.course if isinstance(request, Accepted) else request
             with as_options("speed_rad_s", "setup", "rate_hz", "actuators"):
@@ -141,68 +137,40 @@ class Run:
             sources = stack.enter_context(
                 stop_sources(stack, self.stop_file, self.stop_topic, armed=self.arm, check=self._estop())
             )
-            log = self._log(stack)
+            if led:
+                assert isinstance(made_for, Course)
+                policy = policy_of(self.policy or LIFT, made_for)
             bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
-            monitor = self._monitor(stack, world, settings)
-            runner = Runner(
-                world, settings=settings, dry=not self.arm, sources=sources, log=log, progress=bar, monitor=monitor,
-            )  # fmt: skip
-            done = self._done(runner, request)
-        return self._report(*done)
+            report = run(
+                request,
+                world,
+                settings=replace(settings, stops=tuple(sources)),
+                arm=self._estop() if self.arm else None,
+                policy=(policy or LIFT) if led else None,
+                log=self.log,
+                progress=bar,
+            )
+        if isinstance(report, RunReport):
+            assert isinstance(request, Accepted | AcceptedGait)
+            film(self.video, request, report)
+            return self._report(report.succeeded, report.to_json(), run_table(report))
+        return self._report(report.succeeded, *_led(report, policy))
 
     def _request(self) -> Accepted | AcceptedGait | Course:
         """What PLAN is. Raises InvalidInput for what cannot be run, or not with these options."""
-        from stancekit.planners.files.documents import read_json
-        from stancekit.planners.formats.trajectory_file import is_trajectory
-        from stancekit.planners.problem.course_file import builtin_courses, read_course
-        from stancekit.planners.problem.course_json import FORMAT
-        from stancekit.runner.acceptance import Accepted, AcceptedGait
-
-        name = self.plan
-        data = read_json(name) if name.suffix == ".json" else None
-        if is_trajectory(data):
-            if self.policy is not None or self.pace != 1.0:
-                wrong = "--policy" if self.policy is not None else "--pace"
-                raise InvalidInput(f"{wrong}: expected key frames: a gait runs as planned, or not at all")
-            return AcceptedGait.from_file(name)
-        spec = str(name) in builtin_courses() or name.suffix in (".yaml", ".yml")
-        if not (spec or (isinstance(data, dict) and data.get("format") == FORMAT)):
-            return Accepted.from_file(name)
-        if self.policy is None:
-            raise InvalidInput(f"{name}: expected a plan file; a course is walked with --policy, got none")
-        return read_course(str(name))
-
-    def _done(self, runner: Runner, request: Accepted | AcceptedGait | Course) -> Done:
-        """Run it."""
-        from stancekit.planners.problem.course import Course
+        from stancekit.motions import accepted_of, led_by_policy
         from stancekit.runner.acceptance import AcceptedGait
 
-        if isinstance(request, Course):
-            return self._walk(runner, request, None)
-        if isinstance(request, AcceptedGait):
-            report = runner.run(request, request.ground(self.friction_share))
-            film(self.video, request, report)
-        elif self.policy is not None:
-            return self._walk(runner, request.plan.course, request)
-        else:
-            report = runner.run(request, self._terrain(request.plan.course))
-            film(self.video, request, report)
-        return report.succeeded, report.to_json(), run_table(report)
-
-    def _walk(self, runner: Runner, course: Course, first: Accepted | None) -> Done:
-        """The closed loop over a course, begun with its plan where there is one."""
-        from stancekit.runner.control.closed_loop import ClosedLoop
-        from stancekit.runner.control.loop_settings import LoopSettings
-
-        assert self.policy is not None
-        policy = read_policy(self.policy, course)
-        given: dict[str, Any] = {"horizon": self.horizon, "replan_m": self.replan_m}
-        settings = LoopSettings(**{name: value for name, value in given.items() if value is not None})
-        report = ClosedLoop(course, runner, policy, settings).run(self._terrain(course), first=first)
-        answers, found = None if policy is None else policy.answers, report.to_json()
-        if answers is not None:
-            found |= {"chosen": answers[0], "lifted": answers[1], "warning": "" if answers[0] else unused(answers)}
-        return report.succeeded, found, loop_table(report, answers)
+        with as_options("policy"):
+            if self.policy is not None:
+                return led_by_policy(self.plan)
+            try:
+                request = accepted_of(self.plan)
+            except InvalidInput as error:
+                raise InvalidInput(str(error).replace("with a policy", "with --policy")) from None
+        if isinstance(request, AcceptedGait) and self.pace != 1.0:
+            raise InvalidInput("--pace: expected key frames: a gait runs as planned, or not at all")
+        return request
 
     def _report(self, succeeded: bool, record: dict[str, Any], table: Table) -> int:
         """Draw and print; the exit code."""
@@ -226,12 +194,15 @@ class Run:
         return 0 if succeeded else 1
 
     def _settings(self) -> RunSettings:
+        from stancekit.runner.control.loop_settings import LoopSettings
         from stancekit.runner.motion.timeline import Timing
         from stancekit.runner.settings import RunSettings
 
+        loop = {"horizon": self.horizon, "replan_m": self.replan_m}
+        given: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
         return RunSettings(
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
-            blind=self.blind, odometry=self.odometry,
+            blind=self.blind, odometry=self.odometry, friction_share=self.friction_share, loop=LoopSettings(**given),
         )  # fmt: skip
 
     def _estop(self) -> EstopCheck:
@@ -241,12 +212,6 @@ class Run:
         from stancekit.planners.robot.actuators import read_actuators
 
         return None if self.actuators is None else read_actuators(self.actuators)
-
-    def _terrain(self, course: Course) -> Sequence[Patch]:
-        """What the world has."""
-        from stancekit.planners.search.friction_margin import slippery
-
-        return slippery(course, self.friction_share).terrain
 
     def _check(self, kind: WorldClass) -> None:
         """Raise InvalidInput for an option out of range, or with another world, and a file that cannot be written."""
@@ -293,18 +258,10 @@ class Run:
                 raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")
             check_picture(self.picture)
 
-    def _log(self, stack: ExitStack) -> Log:
-        from stancekit.runner.log import McapLog, NoLog
 
-        return NoLog() if self.log is None else stack.enter_context(McapLog(self.log))
-
-    def _monitor(self, stack: ExitStack, world: World, settings: RunSettings) -> HeartbeatMonitor | None:
-        """A process that watches this one, where something real is going to move."""
-        from stancekit.runner.safety.heartbeat import HeartbeatMonitor
-        from stancekit.runner.worlds.ros.driver import RosWorld
-        from stancekit.runner.worlds.world import Actuator
-
-        if not self.arm or not isinstance(world, Actuator):
-            return None
-        setup = world.setup if isinstance(world, RosWorld) else None
-        return stack.enter_context(HeartbeatMonitor(settings.limits.silent_s, setup))
+def _led(report: LoopReport, policy: SelectorPolicy | None) -> tuple[dict[str, Any], Table]:
+    """The report of a policy, as JSON and for people."""
+    answers, found = None if policy is None else policy.answers, report.to_json()
+    if answers is not None:
+        found |= {"chosen": answers[0], "lifted": answers[1], "warning": "" if answers[0] else unused(answers)}
+    return found, loop_table(report, answers)

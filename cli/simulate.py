@@ -14,7 +14,6 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 from .options import OptionalPath, check_drawn
-from .run_film import film_plan
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan
@@ -57,10 +56,11 @@ class Simulate:
 
     def run(self) -> int:
         """Read, execute, compare."""
+        from stancekit.motions import simulate
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.formats.plan_file import read_plan
+        from stancekit.runner.acceptance import Accepted
         from stancekit.runner.motion.timeline import Timing
-        from stancekit.runner.run import simulate
         from stancekit.runner.settings import RunSettings
 
         checked(self.pace, "--pace", least=0.1, most=4.0)
@@ -69,10 +69,11 @@ class Simulate:
         if not header["verified"]:
             complain(f"stancekit: failed: {self.plan}: the verifier rejected this plan; it is not executed")
             return 1
+        accepted = Accepted.verified(plan, str(self.plan))
         timing = Timing().at_pace(self.pace)
         settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
         with as_options("world"), progress(f"simulate {plan.course.name} in {self.world}") as bar:
-            report = simulate(plan, self.world, settings=settings, progress=bar)
+            report = simulate(accepted, self.world, settings=settings, progress=bar)
         execution = report.execution
         if execution is None:
             complain(f"stancekit: failed: {self.plan}: {report.message}")
@@ -108,7 +109,10 @@ class Simulate:
 
             save(draw_execution(plan, execution), self.picture)
         if self.video is not None:
-            film_plan(self.video, plan, execution)
+            from stancekit.pictures import film
+
+            with progress(f"film {self.video}") as bar:
+                film(plan, self.video, execution, progress=bar)
 
 
 def _message(report: RunReport, run: Execution) -> str:

@@ -22,14 +22,8 @@ if TYPE_CHECKING:
     from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.planners.search.answer import Planner
 
-OF_METHODS = {
-    "envelope": ("p1", "two-stage", "micp"),
-    "projection": ("p1", "lift", "two-stage"),
-    "solver": ("micp",),
-    "intervals": ("micp",),
-    "time_limit_s": ("exact", "nlp", "micp"),
-}
-"""Which methods an option is for, where it is not for all."""
+LIMITED = ("exact", "nlp", "micp")
+"""The methods that have a use for a time limit."""
 SETTINGS = ("method", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
 """What a planner's complaint may begin with that is an option here."""
 
@@ -58,6 +52,8 @@ class Solve:
     as far as the verifier accepts its postures and certificates."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
+    relaxation: Annotated[OptionalText, named("stancekit.planners.relaxation.table:RELAXATIONS")] = None
+    """Which relaxation over the envelope: p1, the paper's, where none is named; coned and joint are tighter."""
     projection: Annotated[OptionalText, PROJECTION] = None
     """Projection after the relaxation of two-stage (there scp unless another is named), p1 or lift."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
@@ -81,18 +77,24 @@ class Solve:
         from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.files.writing import check_writable, write_text
         from stancekit.planners.formats.answer_file import read_envelopes
-        from stancekit.planners.search.methods import PlannerOptions, make_planner
+        from stancekit.planners.search.methods import PlannerOptions, make_planner, settings_of
 
         self._check()
         if self.out is not None:
             check_writable(self.out)
         envelopes = None if self.envelope is None else read_envelopes(self.envelope)
         with as_options(*SETTINGS):
-            options = PlannerOptions(
-                envelopes=envelopes, projection=self.projection, solver=self.solver, intervals=self.intervals,
-                time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine),
-            )  # fmt: skip
-            planner = make_planner(self.method, options)
+            taken = settings_of(self.method)
+            options = PlannerOptions(time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine))
+            given = {
+                "envelopes": envelopes,
+                "relaxation": self.relaxation,
+                "projection": self.projection,
+                "solver": self.solver,
+                "intervals": self.intervals,
+            }
+            settings = {name: value for name, value in given.items() if name in taken and value is not None}
+            planner = make_planner(self.method, options, **settings)
         problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []
         with progress(f"solve by {self.method}") as bar:
@@ -109,11 +111,13 @@ class Solve:
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, or that the method does not know."""
-        from stancekit.planners.search.methods import METHODS
+        from stancekit.planners.search.methods import METHODS, PLANNERS
 
         if not self.files:
             raise InvalidInput("FILE: expected one or more problem files, got none (- is standard input)")
-        check_planner(self, "method", METHODS, OF_METHODS)
+        check_planner(self, "method", METHODS, PLANNERS)
+        if self.method in METHODS and self.method not in LIMITED and self.time_limit_s is not None:
+            raise InvalidInput(f"--time_limit_s: expected --method {' or '.join(LIMITED)} with it, got {self.method}")
 
     def _answer(
         self, where: str, problem: PostureProblem | InvalidInput, planner: Planner, envelopes: EnvelopeSet | None

@@ -78,16 +78,12 @@ class ShowTerrain:
         return Path(self.terrain).exists() and ".py" not in self.terrain
 
     def _found(self) -> Footholds:
-        from stancekit.planners.robot.robot_file import named_robot
-        from stancekit.planners.terrain.elevation import ElevationMap
-        from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
+        from stancekit.terrains import terrain
 
-        limits = self.footholds.limits(None if self.robot is None else named_robot(self.robot))
+        limits = self.footholds.limits(self.robot)
         with in_options():
-            if self._is_file:
-                return read_footholds(self.terrain, self.file.options(), limits)
-            field_ = self.file.read(self.terrain)
-            return footholds_of(ElevationMap.of_field(field_), limits)
+            source = self.terrain if self._is_file else self.file.read(self.terrain)
+            return terrain(source, friction=1.0, limits=limits, **vars(self.file.options()))
 
 
 def _table(found: Footholds) -> Table:

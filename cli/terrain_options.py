@@ -15,7 +15,6 @@ from stancekit.planners.errors import InvalidInput
 from .options import OptionalFloat, OptionalInt, OptionalText
 
 if TYPE_CHECKING:
-    from stancekit.planners.robot.robot_model import RobotModel
     from stancekit.planners.terrain.footholds import FootholdLimits
     from stancekit.planners.terrain.heightfield import HeightField
     from stancekit.planners.terrain.import_options import ImportOptions
@@ -96,20 +95,26 @@ class FootholdOptions:
     noise_m: float = 0.0
     """Deviation of the sensor that made a map, allowed for beside the roughness [m]."""
 
-    def limits(self, robot: RobotModel | None) -> FootholdLimits:
-        """The same with a robot's foot where nothing else is said. Raises InvalidInput."""
-        from stancekit.planners.terrain.footholds import FOOT_M, FootholdLimits
+    def limits(self, robot: str | None) -> FootholdLimits:
+        """The same with a robot's foot where nothing else is said. Raises InvalidInput.
 
-        foot = (
-            FOOT_M if robot is None else max([leg.radius_m for leg in robot.legs if leg.radius_m > 0.0], default=FOOT_M)
-        )
+        robot: its name or file.
+        """
+        from stancekit.planners.robot.robot_file import named_robot
+        from stancekit.planners.terrain.footholds import FootholdLimits
+
+        model = None if robot is None else named_robot(robot)
+        foot_m = 0.0 if model is None else max(leg.radius_m for leg in model.legs)
+        own = {"margin_m": self.margin_m, "width_m": self.width_m}
         with in_options():
-            return FootholdLimits(
-                slope_rad=self.slope_rad, clearance_m=self.headroom_m, roughness_m=self.roughness_m,
+            return FootholdLimits.for_foot(
+                foot_m,
+                slope_rad=self.slope_rad,
+                clearance_m=self.headroom_m,
+                roughness_m=self.roughness_m,
                 noise_m=self.noise_m,
-                margin_m=foot if self.margin_m is None else self.margin_m,
-                width_m=foot if self.width_m is None else self.width_m,
-            )  # fmt: skip
+                **{name: value for name, value in own.items() if value is not None},
+            )
 
 
 @contextmanager

@@ -14,9 +14,9 @@ from stancekit.planners.arguments import settings_from
 from stancekit.planners.relaxation.envelope import Envelope
 
 from .episodes import check_options, checked_render_mode, checked_seed
+from .reward import RewardWeights as RewardWeights
 from .scene_sources import Problem
 from .scenes import Scene, seen
-from .selection_task import RewardWeights as RewardWeights
 from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
 WINDOW = "stancekit"
@@ -85,9 +85,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | scenes | None | a source that replaces ``problem``'s and ``balanced``, or a data set's folder, see above |
     | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
-    | relaxation | 'p1' | 'joint': P1 with the lift, linked (``planners.relaxation.joint``), over one box |
+    | relaxation | 'p1' | 'coned': with friction cones; 'joint': linked with the lift, over one box; "FILE.py:NAME" |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
-    | weights | RewardWeights() | what a step is worth; or a mapping with some of its keys |
+    | weights | RewardWeights() | what a step is worth; or a mapping with some of its keys, and terms of your own |
     | backend | 'clarabel' | who solves P1: 'moreau' solves the batches of ``make_vec`` on a CUDA device, see below |
     | timing | False | put seconds into ``info`` |
     | render_mode | None | "rgb_array" or "human" |

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,16 +18,16 @@ from stancekit.planners.equilibrium.features import ROOM
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, check_numbers, checked_int
-from stancekit.planners.files.validation import shown, typed
+from stancekit.planners.files.arrays import Array, checked_int
+from stancekit.planners.files.validation import shown
 from stancekit.planners.formats.answer_file import read_envelopes
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.joint import Joint, RelaxationName
-from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
+from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.verify import check_postures
 
+from .reward import Judged, RewardWeights, Term, weighted
 from .scene_sources import Problem, SceneOptions, SceneSettings
 from .scenes import Scene
 
@@ -37,20 +37,6 @@ Backend = Literal["clarabel", "moreau", "moreau-cpu"]
 """Who solves P1: Clarabel one after the other, or Moreau a batch at a time, on a CUDA device or on the processor."""
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RewardWeights:
-    """What a step is worth: reward = agreement · [P1 says what the expert says] + projection · [the chosen projection
-    reaches a verified posture] + tightness · [1 − mean width of the box / width of the domain].
-    """
-
-    agreement: float = 1.0
-    projection: float = 0.5
-    tightness: float = 0.1
-
-    def __post_init__(self) -> None:
-        check_numbers(self, finite=self.__dataclass_fields__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +63,7 @@ class _Trial:
 
 
 Asked = tuple[tuple[Envelope, ...], Array | None]
-"""Boxes, and for "joint" the point of the one."""
+"""Boxes, and for relaxations about a point that of the one."""
 
 
 class SelectionOptions(SceneOptions, total=False):
@@ -85,7 +71,7 @@ class SelectionOptions(SceneOptions, total=False):
 
     boxes: int
     library: EnvelopeSet | str | Path | None
-    relaxation: RelaxationName
+    relaxation: str
     projections: Sequence[Projection]
     weights: RewardWeights | Mapping[str, float]
     backend: Backend
@@ -98,9 +84,9 @@ class SelectionSettings(SceneSettings):
 
     boxes: int = 1
     library: EnvelopeSet | str | Path | None = None
-    relaxation: RelaxationName = "p1"
+    relaxation: str = "p1"
     projections: Sequence[Projection] = ("fix-p",)
-    weights: RewardWeights | Mapping[str, float] = RewardWeights()
+    weights: RewardWeights | Mapping[str, float] = field(default_factory=RewardWeights)
     backend: Backend = "clarabel"
     timing: bool = False
 
@@ -111,15 +97,19 @@ class SelectionSettings(SceneSettings):
         for name in self.projections:
             PROJECTIONS.get(name)
         checked_int(self.boxes, "boxes", least=1)
-        if self.relaxation == "joint" and (self.boxes, self.library) != (1, None):
+        asked = RELAXATIONS.get(self.relaxation)
+        if not asked.over_boxes:
+            raise InvalidInput(f"relaxation: expected one over boxes, which an action chooses, got {self.relaxation}")
+        if asked.about_points and (self.boxes, self.library) != (1, None):
             got = f"{self.boxes} boxes and {'no' if self.library is None else 'a'} library"
-            raise InvalidInput(f"relaxation: expected joint over one box without a library, got it with {got}")
+            raise InvalidInput(
+                f"relaxation: expected {self.relaxation} over one box without a library, got it with {got}"
+            )
 
     @property
-    def rewards(self) -> RewardWeights:
-        """The weights, read from a mapping where they came as one. Raises InvalidInput."""
-        given = self.weights
-        return given if isinstance(given, RewardWeights) else typed(RewardWeights, given, "weights")
+    def rewards(self) -> dict[str, tuple[float, Term]]:
+        """Weight and function of every term of the reward, see ``weighted``. Raises InvalidInput."""
+        return weighted(self.weights)
 
 
 class SelectionTask:
@@ -135,16 +125,16 @@ class SelectionTask:
         self._count = len(chosen.legs)
         self._boxes = settings.boxes
         self._library = read_envelopes(library) if isinstance(library, str | Path) else library
-        self._relaxation: RelaxationName = settings.relaxation
+        self._relaxation = RELAXATIONS.get(settings.relaxation)
         self._projections = tuple(settings.projections)
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
         self._nothing: dict[str, Any] = {
             "label": 0, "p1_feasible": 0, "p1_right": 0, "is_success": 0, "margin": 0.0, "gap": 0.0, "log_volume": 0.0,
-            "chosen": 0, **dict.fromkeys(self._keys.values(), 0), "reward_agreement": 0.0, "reward_projection": 0.0,
-            "reward_tightness": 0.0, "expert_point": None, "expert_lower_bound": 0.0, "p1_seconds": 0.0,
+            "chosen": 0, **dict.fromkeys(self._keys.values(), 0), **dict.fromkeys(settings.rewards, 0.0),
+            "expert_point": None, "expert_lower_bound": 0.0, "p1_seconds": 0.0,
             "p2_seconds": 0.0, "expert_seconds": 0.0,
         }  # fmt: skip
-        self._weights = settings.rewards
+        self._terms = settings.rewards
         self._timing = bool(settings.timing)
         self._programs = Programs(engine="rows" if settings.backend == "clarabel" else settings.backend)
         self.scenes = settings.source(chosen, self._programs)
@@ -153,7 +143,7 @@ class SelectionTask:
 
     def _make_action_space(self) -> spaces.Space[Any]:
         if self._library is None:
-            each = 18 if self._relaxation == "joint" else 12
+            each = 18 if self._relaxation.about_points else 12
             return spaces.Box(-1.0, 1.0, (self._boxes * each * self._count,), np.float32)
         if self._library.problem_class != self._problem or len(self._library.legs) != self._count:
             learned = f"{self._library.problem_class} and the legs {', '.join(self._library.legs)}"
@@ -205,10 +195,7 @@ class SelectionTask:
             these = [index for index, one in enumerate(scaled) if one.layout == layout]
             problems, boxes = [scaled[index] for index in these], [asked[index][0] for index in these]
             points = [point for index in these if (point := asked[index][1]) is not None]
-            if self._relaxation == "joint":
-                answers = self._programs.get(Joint, layout).solve_each(problems, [box for (box,) in boxes], points)
-            else:
-                answers = self._programs.get(McCormick, layout).solve_any_of_each(problems, boxes)
+            answers = self._relaxation.answers(self._programs, problems, boxes, points)
             found |= zip(these, answers, strict=True)
         return [found[index] for index in range(len(scaled))]
 
@@ -227,7 +214,7 @@ class SelectionTask:
         )  # fmt: skip
 
     def _envelopes(self, action: NDArray[np.float32] | np.int64) -> Asked:
-        """The boxes of an action, and for "joint" the point of the one."""
+        """The boxes of an action, and for relaxations about a point that of the one."""
         if np.shape(action) != self.action_space.shape:
             raise InvalidInput(f"action: expected shape {self.action_space.shape}, got {np.shape(action)}")
         if self._library is not None:
@@ -235,18 +222,18 @@ class SelectionTask:
                 raise InvalidInput(f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}")
             return (self._library.envelopes[int(action)],), None
         flat = _numbers(action)
-        if self._relaxation == "joint":
+        if self._relaxation.about_points:
             bounds, point = np.split(flat, [12 * self._count])
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
         return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None
 
     def _verdict(self, trial: _Trial) -> Verdict:
         """What the agent is told of a trial whose postures are the verifier's."""
-        scene, answer, envelope, weights = trial.scene, trial.answer, trial.envelope, self._weights
+        scene, answer, envelope = trial.scene, trial.answer, trial.envelope
         right = answer.known and answer.feasible == scene.feasible
-        width = float((envelope.high - envelope.low).mean()) / 2.0
         reached = self._projections[0] in trial.postures
-        terms = (weights.agreement * right, weights.projection * reached, weights.tightness * (1.0 - width))
+        judged = Judged(scene=scene, answer=answer, envelope=envelope, right=right, reached=reached)
+        terms = {key: weight * float(term(judged)) for key, (weight, term) in self._terms.items()}
         clock = self._timing
         info = {
             "label": int(scene.feasible),
@@ -258,9 +245,7 @@ class SelectionTask:
             "log_volume": envelope.log_volume(),
             "chosen": int(answer.chosen),
             **{self._keys[way]: int(way in trial.postures) for way in self._projections},
-            "reward_agreement": terms[0],
-            "reward_projection": terms[1],
-            "reward_tightness": terms[2],
+            **terms,
             "expert_point": scene.point.copy(),
             "expert_lower_bound": float(scene.lower_bound),
             "p1_seconds": trial.p1_seconds if clock else 0.0,
@@ -268,7 +253,7 @@ class SelectionTask:
             "expert_seconds": scene.expert_seconds if clock else 0.0,
         }
         posture = next((trial.postures[way] for way in self._projections if way in trial.postures), None)
-        return Verdict(reward=float(sum(terms)), info=info, posture=posture, envelope=envelope)
+        return Verdict(reward=float(sum(terms.values())), info=info, posture=posture, envelope=envelope)
 
     def before(self, scene: Scene) -> dict[str, Any]:
         """The info of a scene before any action: what the expert knows, and 0 for all that an action comes to."""

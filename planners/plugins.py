@@ -75,6 +75,10 @@ class Registry(Generic[T]):
         """Add a thing, or where it is to be found, "module:attribute". A name that is there already is taken over."""
         self._things[name] = thing
 
+    def registered(self) -> tuple[str, ...]:
+        """The names of this package, and those that were registered in this process."""
+        return tuple(self._things)
+
     def names(self) -> tuple[str, ...]:
         """All names: of this package, as its table has them, then of others. Nothing is imported."""
         return tuple(dict.fromkeys([*self._things, *(point.name for point in self._points())]))

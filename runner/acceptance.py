@@ -1,25 +1,22 @@
-"""What may be run: plans and gaits that the verifier accepted, unchanged since, for the robot that the world has.
+"""What may be run: plans and gaits that the verifier accepted, for the robot that the world has.
 
-What an object says of itself counts for nothing: ``proven`` copies the numbers out of it and asks the verifier.
+They are judged once, when they come in: ``Accepted.from_file`` and ``Accepted.verified``, and those of gaits, are the
+border. Behind it frozen values pass by reference (SECURITY.md says what that trusts).
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import plan_arrays
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import read_plan
-from stancekit.planners.formats.trajectory_file import copied, read_trajectory
+from stancekit.planners.formats.trajectory_file import read_trajectory
 from stancekit.planners.physics import GRAVITY_M_S2
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.urdf import joint_names
@@ -81,14 +78,20 @@ class AcceptedGait:
         record = read_trajectory(path)
         if not record.verified:
             raise InvalidInput(f"{path}: expected a gait that the verifier accepted, this one it rejected")
-        report = check_trajectory(record.trajectory)
-        if not report.accepted:
-            raise InvalidInput(f"{path}: expected a gait that the verifier accepts as its file says: {report.message}")
-        if report.digest != record.verdict.get("digest"):
+        found = cls.verified(record.trajectory, str(path))
+        if found.digest != record.verdict.get("digest"):
             raise InvalidInput(f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise")
-        _check_hindrance(report, str(path))
-        robot = walking_robot(record.trajectory.robot)
-        return cls(trajectory=record.trajectory, robot=robot, digest=report.digest, source=str(path))
+        return found
+
+    @classmethod
+    def verified(cls, trajectory: Trajectory, source: str) -> AcceptedGait:
+        """Verify a gait now. Raises InvalidInput for one that is rejected, or whose robot's joints are not known."""
+        report = check_trajectory(trajectory)
+        if not report.accepted:
+            raise InvalidInput(f"{source}: expected a gait that the verifier accepts, it says: {report.message}")
+        _check_hindrance(report, source)
+        robot = walking_robot(trajectory.robot)
+        return cls(trajectory=trajectory, robot=robot, digest=report.digest, source=source)
 
     @property
     def name(self) -> str:
@@ -98,34 +101,6 @@ class AcceptedGait:
     def ground(self, friction_share: float = 1.0) -> Ground:
         """The terrain of a world, with this share of the friction that the gait counts on."""
         return Ground(heights=self.trajectory.terrain, friction=friction_share * self.trajectory.friction)
-
-
-@overload
-def proven(content: Plan, digest: str, source: str) -> Plan: ...
-@overload
-def proven(content: Trajectory, digest: str, source: str) -> Trajectory: ...
-def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Trajectory:
-    """The same plan, or trajectory, in an object of its own that holds its numbers and nothing else, verified now.
-
-    digest: of the verdict on it. Whatever class ``content`` has and whatever it says of itself, it is read once. Raises
-    InvalidInput where the verifier rejects it now, or where it is not what the digest is of.
-    """
-    try:
-        plain = copied(content) if isinstance(content, Trajectory) else _copied_plan(content)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(f"{source}: expected a plan or a gait, got what is none: {error!s:.80}") from None
-    gait = isinstance(plain, Trajectory)
-    report = check_trajectory(plain) if isinstance(plain, Trajectory) else _judged(plain)
-    if not report.accepted:
-        raise InvalidInput(
-            f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {_said(report)}"
-        )
-    _check_hindrance(report, source)
-    if report.digest != digest:
-        raise InvalidInput(
-            f"{source}: expected what digest {digest!s:.12} is of, got {report.digest:.12}: changed since"
-        )
-    return plain
 
 
 def _check_hindrance(report: Report | GaitReport, source: str) -> None:
@@ -143,13 +118,6 @@ def _judged(plan: Plan) -> Report:
 def _said(report: Report | GaitReport) -> str:
     joints = report.joints_message if isinstance(report, Report) else ""
     return f"{report.message}; {joints}" if joints else report.message
-
-
-def _copied_plan(plan: Plan) -> Plan:
-    """As it would be in a file."""
-    course = course_from_json(json.loads(json.dumps(course_to_json(plan.course))))
-    numbers = {name: None if array is None else np.array(array) for name, array in plan_arrays(plan).items()}
-    return Plan(course=course, provenance=dict(plan.provenance), **numbers)  # type: ignore[arg-type]
 
 
 def check_joints(source: str, robot: Robot, world: World) -> None:

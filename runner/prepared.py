@@ -12,9 +12,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.legged import foot_radii, walking_robot
+from stancekit.planners.robot.legged import foot_radii
 
-from .acceptance import Accepted, AcceptedGait, check_joints, proven
+from .acceptance import Accepted, AcceptedGait, check_joints
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
@@ -128,11 +128,10 @@ def prepare_plan(
 ) -> Prepared[PlanMotion]:
     """A plan, timed for a world that it fits. resumption: how a robot that stands already takes it up.
 
-    Raises InvalidInput where it does not fit, or is not what was accepted.
+    Raises InvalidInput where it does not fit.
     """
     check_settings(settings, world)
-    plan, sees = proven(accepted.plan, accepted.digest, accepted.source), sees_feet(world, settings)
-    accepted = replace(accepted, plan=plan)
+    plan, sees = accepted.plan, sees_feet(world, settings)
     if settings.check_limits:
         accepted.check_fits(world)
     else:
@@ -181,8 +180,7 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     check_settings(settings, world)
     if settings.odometry:
         raise InvalidInput("odometry: expected a plan, got a gait: two feet do not tell how the body is turned")
-    trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
-    accepted = replace(accepted, trajectory=trajectory, robot=walking_robot(trajectory.robot))
+    trajectory = accepted.trajectory
     check_joints(accepted.source, accepted.robot, world)
     motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)

@@ -25,22 +25,37 @@ from .worlds.replay import ReplayWorld
 class RunReport:
     """How a run went.
 
-    succeeded: to its end, with joints and, where it is measured, the body where they should be. message: why not.
-    dry: nothing was sent. ended: see ``Ended``. counted: what frames and frames_done, so many of all, count.
-    seconds: of the motion; pace: of that asked for, bound_by what slowed it down. sent, clipped, refused: commands, see
-    ``SafeWorld``.
-    joint_worst_rad, joint_rms_rad: measured against planned angles, NaN, and joint_worst empty, where the motion never
-    began. body_measured: whether the body's pose was measured; body_from: who told the tracker where it is.
-    odometry_m: where the world did not, how far it was from the plan at most by ``leg_odometry``, NaN elsewhere and
-    in a dry run. cycle_s: median and 99th percentile of the control period, from one command to the next.
-    execution: planned against measured, where body and forces are measured. replay_rad: largest difference of a
-    command from that in the log which is replayed. needs, loads: of the joints, as planned, and as measured where
-    torques are; None where the motion never began. friction: what feet felt of it, as a share of what was planned with,
-    None where body or forces are not measured. loop_share: of their stiffness, that joint loops were found to have, 1
-    where feet feel nothing or nobody knows where the body is. stopped_s: when the latch was tripped, on the monotonic
-    clock that all processes of a machine share, None where it was not; after: commands on their way at that moment,
-    whose write returned up to after_s later. load: processes that wanted a processor in the last minute, for each that
-    there is; NaN where the system does not say.
+    Arguments:
+        world: where it ran; digest: of the verdict on what was run; dry: nothing was sent.
+        succeeded: to its end, with joints and, where it is measured, the body where they should be.
+        message: why not.
+        ended: how the robot was left.
+        counted: what frames and frames_done, so many of all, count.
+        seconds: of the motion [s].
+        pace: of that asked for; bound_by: what slowed it down.
+        sent, clipped, refused: commands, see ``SafeWorld``.
+        joint_worst_rad, joint_rms_rad: measured against planned angles, NaN where the motion never began; joint_worst:
+            the joint, then empty.
+        body_measured: whether the body's pose was measured; body_from: who told the tracker where it is.
+        cycle_s: median and 99th percentile of the control period, from one command to the next [s].
+        wall_s: by the clock [s].
+        execution: planned against measured, where body and forces are measured; what ``film`` shows.
+        odometry_m: where the world did not tell it, how far the body was from the plan at most by ``leg_odometry``, NaN
+            elsewhere and in a dry run [m].
+        replay_rad: largest difference of a command from that in the log which is replayed [rad].
+        needs, loads: of the joints, as planned, and as measured where torques are; None where the motion never began.
+        friction: what feet felt of it, as a share of what was planned with, None where body or forces are not measured.
+        loop_share: of their stiffness, that joint loops were found to have, 1 where nobody knows.
+        stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine share, None where
+            it was not; after: commands on their way at that moment, whose write returned up to after_s later.
+        load: processes that wanted a processor in the last minute, for each that there is; NaN where nobody says.
+    Source:
+        Paper E §V.
+    Example:
+        >>> import stancekit
+        >>> report = stancekit.simulate("plan.json")  # doctest: +SKIP
+        >>> stancekit.RunReport.__name__
+        'RunReport'
     """
 
     world: str

@@ -49,7 +49,8 @@ Until = Callable[[Target, State], bool]
 class Runner:
     """Runs plans and gaits on one world, once; it closes the world.
 
-    dry: send nothing to anything real. sources: of stops, beside whoever trips the world's latch. log: of everything.
+    dry: send nothing to anything real. sources: of stops, beside those of the settings and whoever trips the world's
+    latch. log: of everything.
     progress: called with (key frames done, all). monitor: entered already; it acts where this process cannot.
     """
 
@@ -66,7 +67,7 @@ class Runner:
     ) -> None:
         self.settings, self.log = settings, log
         self.latch, self._progress = world.latch, progress
-        sources = (*sources, *(() if monitor is None else (monitor.gone,)))
+        sources = (*settings.stops, *sources, *(() if monitor is None else (monitor.gone,)))
         self.world = SafeWorld(world, limits=settings.limits, dry=dry, sources=sources, monitor=monitor)
         self._found: Array | None = None
         self._prepared: Prepared[PlannedMotion] | None = None
@@ -153,7 +154,7 @@ class Runner:
         path = self._path(prepared, state, first.angles_rad)
         if self.world.real and not self.world.dry:
             self.decide("armed", "torque on, at the measured pose")
-        self.world.arm(prepared.motion.content, prepared.digest)
+        self.world.arm()
         if (evidence := self.world.evidence) and not self.world.dry:
             self.decide("e-stop", evidence)
         far = float(np.abs(state.angles_rad - first.angles_rad).max())

@@ -9,26 +9,46 @@ from stancekit.planners.files.arrays import checked
 
 from .control.body_feedback import BodyFeedback
 from .control.foot_placement import ContactFeedback
+from .control.loop_settings import LoopSettings
 from .execution import Tolerance
 from .motion.timeline import Timing
 from .safety.ending import Ending
 from .safety.guard import Limits
+from .safety.latch import Source
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
     """How a plan, or a gait, is run.
 
-    timing: of a plan's phases. feedback: what the feet do with the forces that they feel; body: what
-    they do about a body that is measured and not where it should be. limits: what is let through
-    to the world. tolerance: when it is stopped, and when it is a success. speed_rad_s: of the soft start, and of the
-    path home. ending: the state to leave the robot in. hung: the robot hangs in a stand, level and off the ground: its
-    feet carry nothing and meet nothing; for what is real only. forces: press with a plan's forces "shared" anew among
-    the limbs of every stance, with a reserve of friction, or as "planned". check_limits: a plan is slowed down to
-    what its joints can do, and refused where no pace helps; False, for simulations only, to see what comes of it.
-    blind: send what a robot that measures its joints alone is sent, and use nothing else that the world measures.
-    odometry: where the body is is taken from its joints and the feet that stand, and fed back, whatever the world
-    measures.
+    Arguments:
+        timing: of a plan's phases.
+        feedback: what the feet do with the forces that they feel.
+        body: what they do about a body that is measured and not where it should be.
+        limits: what is let through to the world.
+        tolerance: when it is stopped, and when it is a success.
+        speed_rad_s: of the soft start, and of the path home [rad/s].
+        ending: the state to leave the robot in.
+        hung: the robot hangs in a stand, level and off the ground: its feet carry nothing and meet nothing; for what is
+            real only.
+        forces: press with a plan's forces "shared" anew among the limbs of every stance, with a reserve of friction, or
+            as "planned".
+        check_limits: a plan is slowed down to what its joints can do, and refused where no pace helps; False, for
+            simulations only, to see what comes of it.
+        blind: send what a robot that measures its joints alone is sent, and use nothing else that the world measures.
+        odometry: where the body is is taken from its joints and the feet that stand, and fed back, whatever the world
+            measures.
+        friction_share: simulations: the terrain has only this share of the friction that is counted on.
+        stops: what stops it from outside, beside signals: functions that return why, or None.
+        loop: how a policy plans anew on the way.
+    Raises:
+        InvalidInput: for a speed or a share out of range.
+    Source:
+        None: what a robot is run with.
+    Example:
+        >>> from stancekit import RunSettings
+        >>> RunSettings(ending="home").friction_share
+        1.0
     """
 
     timing: Timing = field(default_factory=Timing)
@@ -43,6 +63,10 @@ class RunSettings:
     check_limits: bool = True
     blind: bool = False
     odometry: bool = False
+    friction_share: float = 1.0
+    stops: tuple[Source, ...] = ()
+    loop: LoopSettings = field(default_factory=LoopSettings)
 
     def __post_init__(self) -> None:
         checked(self.speed_rad_s, "speed_rad_s", above=0.0)
+        checked(self.friction_share, "friction_share", above=0.0, most=1.0)

@@ -43,7 +43,7 @@ stancekit.save(found.plan, "climb.json")
 again = stancekit.load("climb.json", stancekit.Plan)
 report = stancekit.verify(again)
 print(report.accepted, again.toes_at(0).shape, report.worst + 1.0 < 1.1)
-rows = stancekit.label("wall-3", "train", feasible=4, infeasible=4)
+rows = stancekit.label("wall-3", "train", rows=(4, 4))
 observation, label = rows[0]
 print(sorted(observation), label in (0, 1), stancekit.fit(rows, "quantile", share=0.1).envelopes.legs)
 print(stancekit.__version__)

@@ -74,8 +74,8 @@ def each(named: Mapping[str, Any]) -> Iterator[bytes]:
 
 def calls(folder: Path) -> dict[str, Call]:
     """A call of each function by the number of the call, with files in this folder."""
-    rows = stancekit.label("ground-3", folder / "rows", feasible=12, infeasible=12)
-    test = stancekit.label("ground-3", folder / "test", feasible=4, infeasible=4, seed=1)
+    rows = stancekit.label("ground-3", folder / "rows", rows=(12, 12))
+    test = stancekit.label("ground-3", folder / "test", rows=(4, 4), seed=1)
     selectors = [stancekit.fit(rows, "quantile", share=share) for share in (0.0, 0.1)]
     problems = [*stancekit.sample("wall-3", 5, rng=4), *stancekit.sample("ground-3", 5, rng=4)]
     outcomes = [stancekit.solve(problem) for problem in problems]
@@ -116,7 +116,7 @@ def calls(folder: Path) -> dict[str, Call]:
 
     def labelled(k: int) -> Any:
         made = stancekit.label(
-            "ground-3", folder / f"label-{k}", feasible=1, infeasible=1, seed=k % 2
+            "ground-3", folder / f"label-{k}", rows=(1, 1), seed=k % 2
         )
         return [list(made.labels), list(made.problems())]
 

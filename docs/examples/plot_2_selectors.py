@@ -16,8 +16,8 @@ import numpy as np
 
 import stancekit
 
-train = stancekit.label("wall-3", "train", feasible=20, infeasible=20)
-test = stancekit.label("wall-3", "test", feasible=20, infeasible=20, seed=1)
+train = stancekit.label("wall-3", "train", rows=(20, 20))
+test = stancekit.label("wall-3", "test", rows=(20, 20), seed=1)
 print(len(train), "rows of", train.problem_class, "and", len(test), "held out")
 
 # %%

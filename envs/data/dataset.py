@@ -59,7 +59,7 @@ class Dataset:
         Algorithm E1.
     Example:
         >>> import stancekit
-        >>> rows = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
+        >>> rows = stancekit.label("wall-3", "train", rows=(6, 6))
         >>> observation, label = rows[0]
         >>> observation["friction"].shape, label == (rows.labels[0] == "feasible")
         ((3,), True)

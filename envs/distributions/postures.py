@@ -192,18 +192,21 @@ class _Yaml(BaseModel):
     robot: str | None = None
 
 
-def distribution(name: str, *, robot: str | Path | None = None, terrain: str | Path | None = None) -> Distribution:
+def distribution(
+    name: str, *, robot: Robot | str | Path | None = None, terrain: str | Path | None = None
+) -> Distribution:
     """A distribution by name, from "FILE.py:NAME", or from a YAML file with terrain, legs, friction and robot.
 
     Names of classes are ``ground-k``, ``wall-k`` and ``terrain-k``, k legs of the robot; the last one's scenes are cut
-    from a terrain's file. robot: a built-in name, a ``.urdf`` or a ``.yaml`` file; the default hexapod where None.
+    from a terrain's file. robot: a built-in name, a ``.urdf`` or a ``.yaml`` file, or a ``Robot``; the default hexapod
+    where None.
     terrain: a mesh or a grid. What is drawn is named after the class, the robot and the terrain, by name and digest.
     Raises InvalidInput that lists the names there are, and for a robot with fewer legs, a leg without an inside, a
     terrain without footholds.
     """
     if not isinstance(name, str):
         raise REGISTRY.unknown(name)
-    own = None if robot is None or str(robot) in BUILT_IN else str(robot)
+    own = robot if isinstance(robot, Robot) else None if robot is None or str(robot) in BUILT_IN else str(robot)
     if name in DISTRIBUTIONS and own is None and terrain is None:
         return DISTRIBUTIONS[name]
     if name.endswith((".yaml", ".yml")):
@@ -212,7 +215,8 @@ def distribution(name: str, *, robot: str | Path | None = None, terrain: str | P
     if law is None:
         for key, value in (("robot", own), ("terrain", terrain)):
             if value is not None:
-                raise InvalidInput(f"{key}: expected none for {name}, which draws for its own, got {value}")
+                came = value.name if isinstance(value, Robot) else value
+                raise InvalidInput(f"{key}: expected none for {name}, which draws for its own, got {came}")
         return OwnDistribution(REGISTRY.get(name), name)
     standing = Standing.of(own)
     legs, kind = standing.legs(int(law[2]), name), cast(Law, law[1])
@@ -220,7 +224,7 @@ def distribution(name: str, *, robot: str | Path | None = None, terrain: str | P
 
 
 def distribution_of(
-    problems: str | Sampler, *, robot: str | Path | None = None, terrain: str | Path | None = None
+    problems: str | Sampler, *, robot: Robot | str | Path | None = None, terrain: str | Path | None = None
 ) -> Distribution:
     """A distribution by name, as ``distribution`` has it, or anything with ``sample(rng)``.
 
@@ -250,7 +254,8 @@ def composed(
         wants = "a terrain's file" if law == "terrain" else "terrain-k for scenes cut from a terrain's file"
         raise InvalidInput(f"{name}: expected {wants}, got {'none' if terrain is None else terrain}")
     robot = standing.robot
-    named = f"{name}-of-{robot.identity}" if robot.identity else name
+    of = robot.identity or ("" if standing.paper else robot.name)
+    named = f"{name}-of-{of}" if of else name
     stance = standing.stance(law, legs)
     if law == "terrain":
         from .cut import cut  # slow to import
@@ -262,7 +267,9 @@ def composed(
     )  # fmt: skip
 
 
-def _from_yaml(path: str, robot: str | None, terrain: str | Path | None) -> PostureDistribution | CutDistribution:
+def _from_yaml(
+    path: str, robot: Robot | str | None, terrain: str | Path | None
+) -> PostureDistribution | CutDistribution:
     folder = Path(path).parent
     try:
         raw = validated(_Yaml, read_yaml(path))

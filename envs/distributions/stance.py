@@ -96,11 +96,15 @@ class Standing:
     paper: bool = False
 
     @classmethod
-    def of(cls, robot: str | None) -> Standing:
-        """The robot of a built-in name, a ``.urdf`` or a ``.yaml`` file; the default hexapod where None.
+    def of(cls, robot: Robot | str | None) -> Standing:
+        """The robot of a built-in name, a ``.urdf`` or a ``.yaml`` file, or as it is; the default hexapod where None.
 
         Raises InvalidInput for anything else, and for a leg without a workspace that has an inside.
         """
+        if isinstance(robot, Robot) and robot.model is None:
+            toes = paper_stance(robot.limbs, "ground").centre_m
+            reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
+            return cls(robot=robot, toes_m=toes, reach_m=reach, paper=_is_default(robot))
         if robot is None or robot in BUILT_IN:
             default = hexapod()
             return cls(
@@ -109,13 +113,15 @@ class Standing:
         from stancekit.planners.robot.contact_robot import contact_robot, standing_toes  # slow to import
         from stancekit.planners.robot.workspace_cache import workspaces_of
 
-        model = named_robot(robot)
+        model = named_robot(robot) if isinstance(robot, str) else robot.model
+        assert model is not None
         try:
             workspaces = workspaces_of(model)
         except InvalidInput as error:
-            raise InvalidInput(f"{robot}: {error}") from None
+            raise InvalidInput(f"{robot if isinstance(robot, str) else robot.name}: {error}") from None
         reach = float(np.mean([workspace.reach_m for workspace in workspaces]))
-        return cls(robot=contact_robot(model, workspaces), toes_m=standing_toes(model), reach_m=reach)
+        made = robot if isinstance(robot, Robot) else contact_robot(model, workspaces)
+        return cls(robot=made, toes_m=standing_toes(model), reach_m=reach)
 
     def legs(self, count: int, name: str) -> tuple[str, ...]:
         """So many of its legs: those whose toes hold its centre of mass best, by the largest margin inside their hull.
@@ -184,3 +190,15 @@ def _on_walls(sets: Sequence[Polytope], side: Array, thickness_m: float) -> Arra
         near = some[off <= max(thickness_m, float(np.min(off)))]
         centres.append([near[:, 0].mean(), sign * away, near[:, 2].mean()])
     return np.array(centres)
+
+
+def _is_default(robot: Robot) -> bool:
+    """Whether a robot without a model is the default hexapod, about which paper E's law draws."""
+    own = hexapod()
+    return robot.limb_names == own.limb_names and all(
+        one.reach_m == other.reach_m
+        and one.reach_rows is None
+        and one.sole_m is None
+        and np.array_equal(one.shoulder_m, other.shoulder_m)
+        for one, other in zip(robot.limbs, own.limbs, strict=True)
+    )

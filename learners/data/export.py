@@ -35,8 +35,23 @@ INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
 
 @dataclass(frozen=True, kw_only=True)
 class Exported:
-    """What was written. root: the folder to give to Minari as MINARI_DATASETS_PATH; agreement: share of the episodes
-    in which P1 over the expert's box says what the label says.
+    """What ``export`` wrote.
+
+    Arguments:
+        root: the folder to give to Minari as MINARI_DATASETS_PATH.
+        dataset_id: the name to load it by.
+        episodes: how many there are.
+        mean_reward: of the expert.
+        agreement: share of the episodes in which P1 over the expert's box says what the label says.
+    Source:
+        None: Minari's format.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
+        >>> stancekit.export(train, "minari").agreement  # doctest: +SKIP
+        1.0
+        >>> stancekit.Exported.__name__
+        'Exported'
     """
 
     root: Path

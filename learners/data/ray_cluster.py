@@ -75,7 +75,6 @@ class _Cluster:
             driver.close()
             raise
 
-
     def _joined(self) -> _Driver:
         if importlib.util.find_spec("ray") is None:
             raise InvalidInput("executor: 'ray' needs Ray, got none: pip install 'stancekit[ray]'")

@@ -39,19 +39,20 @@ def main(pipe: Connection, address: str) -> None:
         ray = joined(address, pipe)
         try:
             work(ray, pipe, expected)
+        except Gone as error:  # said before the farewell, which takes 5 s where nobody hears it
+            pipe.send(("gone", str(error)))
         finally:
             ray.shutdown()
     except (EOFError, OSError):
         return  # nobody is there any more
     except Refused as error:
         pipe.send(("refused", str(error)))
-    except Gone as error:
-        pipe.send(("gone", str(error)))
 
 
 def joined(address: str, pipe: Connection) -> Any:
     """Ray, connected. The other side hears when the cluster is asked, and when it has let us in. Raises Refused."""
     import ray
+
     raylet: Any = import_module("ray._raylet")  # its stubs lack the client
 
     options: dict[str, Any] = {"address": address, "logging_level": logging.CRITICAL, "log_to_driver": False}

@@ -86,11 +86,23 @@ class Share:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """One row of the comparison.
+    """One row of the comparison of selectors, as ``evaluate`` makes it.
 
-    p1_feasible, p1_infeasible: shares that P1 answers as the expert does. projected: of the feasible problems, the
-    share for which P1 → P2 ends in a verified posture, by projection. The rest are medians over the feasible problems
-    that P1 admits: McCormick gap, and milliseconds of P1.
+    Arguments:
+        selector: its name.
+        p1_feasible, p1_infeasible: shares of the problems that P1 answers as the expert does.
+        projected: of the feasible problems, the share for which P1 → P2 ends in a verified posture, by projection.
+        gap: median McCormick gap over the feasible problems that P1 admits.
+        p1_ms: median time of P1 over them [ms].
+        notes: further figures by name.
+    Source:
+        Paper E Table I.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
+        >>> test = stancekit.label("wall-3", "test", rows=(6, 6), seed=1)
+        >>> sorted(stancekit.evaluate(stancekit.fit(train, "quantile"), test).projected)
+        ['fix-p', 'scp']
     """
 
     selector: str

@@ -17,7 +17,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import RelaxationName, signed_margin
+from stancekit.planners.relaxation.table import RELAXATIONS
 
 from .network import as_arrays
 
@@ -27,13 +27,14 @@ class Margin(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs, relaxation: RelaxationName
+        ctx: Any, low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs, relaxation: str
     ) -> Tensor:
         """Solve P1 once a scene."""
         lows, highs = as_arrays(low, high)
         values, slopes = np.zeros(len(problems)), np.zeros((2, *lows.shape))
         for i, problem in enumerate(problems):
-            answer = signed_margin(programs, problem, Envelope(low=lows[i], high=highs[i]), relaxation, gradient=True)
+            box = Envelope(low=lows[i], high=highs[i])
+            answer = RELAXATIONS.get(relaxation).margin(programs, problem, box, gradient=True)
             if answer.gradient is not None:
                 values[i], slopes[:, i] = answer.margin, answer.gradient
         ctx.save_for_backward(torch.as_tensor(slopes, dtype=low.dtype))
@@ -52,7 +53,7 @@ def margins(
     high: Tensor,
     problems: Sequence[Scaled],
     programs: Programs | None = None,
-    relaxation: RelaxationName = "p1",
+    relaxation: str = "p1",
 ) -> Tensor:
     """The signed margin of P1 of each scene over its box: 0 or less where P1 admits the scene, and by how much.
 

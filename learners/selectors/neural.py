@@ -21,8 +21,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import validated
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import RelaxationName, signed_margin
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
+from stancekit.planners.relaxation.table import RELAXATIONS
 
 from .network import BoxNetwork, SceneTensors, as_arrays
 from .neural_training import NeuralSettings, Progress, Rows, Trainer
@@ -51,7 +51,7 @@ class NeuralSelector(MemorylessPolicy):
         force_scale_n: float,
         length_scale_m: float,
         room: float = 0.0,
-        relaxation: RelaxationName = "p1",
+        relaxation: str = "p1",
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
         self.network = network.eval()
@@ -60,7 +60,7 @@ class NeuralSelector(MemorylessPolicy):
         self.force_scale_n = force_scale_n
         self.length_scale_m = length_scale_m
         self.room = room
-        self.relaxation: RelaxationName = relaxation
+        self.relaxation = relaxation
         self.provenance = dict(provenance or {})
 
     def action(self, observation: Observation) -> NDArray[Any]:
@@ -70,7 +70,7 @@ class NeuralSelector(MemorylessPolicy):
         """
         boxes, points = self._boxes(SceneTensors.of_observation(observation, len(self.legs)))
         flat = np.stack([box.to_vector() for box in boxes])
-        if self.relaxation == "joint":
+        if RELAXATIONS.get(self.relaxation).about_points:
             flat = np.concatenate([flat, points.reshape(len(flat), -1)], axis=1)
         actions: NDArray[Any] = flat.astype(np.float32)
         return actions if np.ndim(observation["friction"]) == 2 else actions[0]
@@ -149,7 +149,7 @@ def fit_neural(
     network = trainer.run(progress)
     held = Rows.of(calibration, "feasible")
     room = calibrated_room(network, held, programs, settings)
-    if settings.relaxation == "joint" and len(calibration.infeasible):
+    if settings.relaxation != "p1" and len(calibration.infeasible):
         room = roomiest(network, (held, Rows.of(calibration, "infeasible")), programs, settings, least=room)
     first = feasible.problems[0]
     return NeuralSelector(
@@ -191,7 +191,7 @@ def calibrated_room(
 
     def admits(index: int, room: float) -> bool:
         problem, box = rows.problems[index], roomy(lows[index], highs[index], room)
-        return signed_margin(programs, problem, box, settings.relaxation).margin <= FEASIBLE_MARGIN
+        return RELAXATIONS.get(settings.relaxation).margin(programs, problem, box).margin <= FEASIBLE_MARGIN
 
     open_rows, admitted, needed = list(range(len(rows))), 0, math.ceil(settings.target * len(rows))
     for _ in range(14):
@@ -220,7 +220,7 @@ def roomiest(
     def admits(label: int, index: int, room: float) -> bool:
         problem, (low, high, _) = rows[label].problems[index], sides[label]
         box = roomy(low[index], high[index], room)
-        return signed_margin(programs, problem, box, settings.relaxation).margin <= FEASIBLE_MARGIN
+        return RELAXATIONS.get(settings.relaxation).margin(programs, problem, box).margin <= FEASIBLE_MARGIN
 
     def cost(room: float) -> float:
         for label, open_rows in enumerate(left_out):
@@ -253,5 +253,5 @@ class _Header(BaseModel):
     length_scale_m: float
     architecture: ArchitectureJson
     calibration: _Calibration
-    relaxation: RelaxationName = "p1"
+    relaxation: str = "p1"
     provenance: dict[str, Any]

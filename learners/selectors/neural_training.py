@@ -22,7 +22,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import check_fields
-from stancekit.planners.relaxation.joint import RelaxationName
+from stancekit.planners.relaxation.table import RELAXATIONS
 
 from .margin import margins
 from .network import Architecture, Boxes, BoxNetwork, Mirror, SceneTensors, pinball
@@ -59,7 +59,7 @@ class NeuralSettings:
     softness: PositiveFloat = 5e-4
     caution: float = 2.0
     anchor: float = 30.0
-    relaxation: RelaxationName = "p1"
+    relaxation: str = "p1"
     target: Share = 0.985
     calibration: Share = 0.15
     seed: int = 0
@@ -173,7 +173,9 @@ class Trainer:
         """Quantile loss of the sides, and of the point as the median where it is of use."""
         low, high, point = boxes
         loss = pinball(low, high, points, self._settings.share).mean()
-        return loss + 0.5 * (points - point).abs().mean() if self._settings.relaxation == "joint" else loss
+        if not RELAXATIONS.get(self._settings.relaxation).about_points:
+            return loss
+        return loss + 0.5 * (points - point).abs().mean()
 
     def _margins(self, rows: Rows, chosen: Tensor, chance: torch.Generator) -> tuple[Boxes, Tensor]:
         """((low, high, point), margin) of scenes; some are shown mirrored, and their boxes mirrored back."""

@@ -14,7 +14,6 @@ from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import write_boxes
 from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.joint import RelaxationName
 
 
 class Selector(Protocol):
@@ -52,16 +51,27 @@ class FixedSelector(MemorylessPolicy):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Learned:
-    """A selector and what it takes to roll it out and to keep it.
+    """A selector and what it takes to roll it out and to keep it; it can be copied and pickled.
 
-    problem_class: what it was learned for; boxes: how many its action holds; relaxation: the P1 that they are for;
-    suffix: its file's usual one. It can be copied and pickled.
+    Arguments:
+        selector: chooses boxes for an observation.
+        problem_class: what it was learned for.
+        boxes: how many its action holds.
+        relaxation: the P1 that they are for, a name of ``RELAXATIONS``.
+        suffix: its file's usual one.
+    Source:
+        Paper E §III-B.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
+        >>> stancekit.fit(train, "quantile").problem_class
+        'wall-3'
     """
 
     selector: Selector
     problem_class: str
     boxes: int = 1
-    relaxation: RelaxationName = "p1"
+    relaxation: str = "p1"
     suffix: str = ".safetensors"
 
     @classmethod
@@ -88,7 +98,7 @@ class Learned:
             raise InvalidInput(f"{name}: expected {message}")
 
         of = getattr(found, "problem_class", problem_class)
-        relaxation: RelaxationName = getattr(found, "relaxation", "p1")
+        relaxation = str(getattr(found, "relaxation", "p1"))
         return cls(selector=found, problem_class=of, boxes=getattr(found, "boxes", 1), relaxation=relaxation)
 
     def write(self, path: Path) -> None:

@@ -88,19 +88,32 @@ class GroupViolation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Report:
-    """What the verifier says of one posture, or of one plan.
+    """The verifier's word on one posture, or on one plan.
 
-    worst: largest non-dimensional violation of all groups; accepted: it is at most ``tolerance``, and none of joints,
-    torque, bodies and motion failed.
-    residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
-    linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m], at most ‖Θ‖²/2 of its
-    distance from the centre of mass; exact_reach_m: how far a toe is out of reach with the exact rotation [m]. Both are
-    reported and decide nothing: reach is what E11 says.
-    Of plans alone: between: largest violation at the points between frames, by recomputation. proved: steps from frame
-    to frame on which limbs carry all the way; on the others every limb moves at once, and the course asks for the
-    frames only. goal_m: distance of the last COM from the goal [m].
-    joints, torque, bodies, motion: what ``check_whole_body`` says, with a verdict of "checked", "failed", "not
-    checked" or "not asked for".
+    Arguments:
+        accepted: the worst violation is at most the tolerance, and none of joints, torque, bodies and motion failed.
+        worst: largest non-dimensional violation of all groups.
+        groups: the violation of each group of constraints, and where it is worst.
+        tolerance: largest violation that is accepted, non-dimensional.
+        subject: the problem or course that was answered.
+        answer: what was judged.
+        residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
+        between: of plans, the largest violation at the points between frames, by recomputation.
+        proved: of plans, steps from frame to frame on which limbs carry all the way; on the others every limb moves
+            at once, and the course asks for the frames only.
+        linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does, at most ‖Θ‖²/2 of its
+            distance from the centre of mass; reported, and decides nothing [m].
+        exact_reach_m: how far a toe is out of reach with the exact rotation; likewise [m].
+        goal_m: of plans, distance of the last COM from the goal [m].
+        joints, torque, bodies, motion: of plans, the whole body, with a verdict of "checked", "failed", "not checked"
+            or "not asked for".
+        defect: why there was nothing to check; empty when there was.
+    Source:
+        E1-E11.
+    Example:
+        >>> import stancekit
+        >>> stancekit.plan("walls", frames=2).report.accepted
+        True
     """
 
     accepted: bool

@@ -7,10 +7,10 @@ nominal path of the centre of mass, straight between few points; the planner the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,18 @@ from scipy.sparse.csgraph import dijkstra
 
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
+from ..files.validation import shown
 from ..robot.model import Limb, Robot
+from ..terrain.footholds import Footholds
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
-from .course import MOST_FRAMES
+from .course import MOST_FRAMES, Course
 from .course_keys import CourseSpec
-from .course_layout import toe_offset
+from .course_layout import build_course, toe_offset
 from .file_terrain import FileTerrain
+
+if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
 
 LATTICE_M = 0.04
 """Between nodes [m]; more on terrains that have too many."""
@@ -50,7 +55,7 @@ def course_between(
     start_m: Sequence[float],
     goal_m: Sequence[float],
     *,
-    robot: str | None = None,
+    robot: Robot | str | None = None,
     frames: int | None = None,
     name: str = "",
     folder: Path = Path(),
@@ -62,9 +67,14 @@ def course_between(
     """
     keys: dict[str, Any] = {
         "name": name or Path(terrain.file).stem, "frames": 1, "start_m": (*start_m, 0.0), "goal_m": (*goal_m, 0.0),
-        "terrain": terrain, **({} if robot is None else {"robot": robot}),
+        "terrain": terrain, **({"robot": robot} if isinstance(robot, str) else {}),
     }  # fmt: skip
-    spec = CourseSpec(**keys)
+
+    def described(**more: Any) -> CourseSpec:
+        made = CourseSpec(**{**keys, **more})
+        return made.of_robot(robot) if isinstance(robot, Robot) else made
+
+    spec = described()
     model = spec.robot_model(folder)
     body = spec.make_robot(model)
     spec = spec if model is None else spec.standing(model, body)
@@ -93,7 +103,36 @@ def course_between(
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
     }  # fmt: skip
-    return CourseSpec(**{**keys, "stance": spec.stance, **update})
+    return described(stance=spec.stance, **update)
+
+
+def laid_between(
+    terrain: Footholds | str | Path,
+    start_m: Sequence[float],
+    goal_m: Sequence[float],
+    *,
+    robot: Robot | str | None = None,
+    frames: int | None = None,
+) -> Callable[[Sets], Course]:
+    """What lays out the course over a terrain from one place (x, y) [m] to another, see ``course_between``.
+
+    terrain: its footholds, or its file.
+    """
+    for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m)):
+        if np.shape(place) != (2,) or not np.isfinite(np.asarray(place, dtype=np.float64)).all():
+            raise InvalidInput(f"{name}: expected two finite numbers, got {shown(place)}")
+    over = FileTerrain.of(terrain) if isinstance(terrain, Footholds) else FileTerrain(file=str(Path(terrain).resolve()))
+    who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
+
+    def laid_out(sets: Sets) -> Course:
+        try:
+            spec = course_between(over, start_m, goal_m, robot=who, frames=frames)
+            return build_course(spec, sets=sets)
+        except InvalidInput as error:
+            name, colon, rest = str(error).partition(":")
+            raise InvalidInput(f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)) from None
+
+    return laid_out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

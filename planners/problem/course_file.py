@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from ..errors import InvalidInput
 from ..files.documents import parse_yaml, read_json, read_yaml
 from ..files.validation import validation_errors
+from ..robot.model import Robot
 from .course import Course
 from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 def read_course(
     course: str | Path,
     frames: int | None = None,
-    robot: str | None = None,
+    robot: Robot | str | None = None,
     sets: Sets = "inner",
     reach: str | Path | None = None,
 ) -> Course:
@@ -36,7 +37,8 @@ def read_course(
     A YAML file with surfaces is a published scene (``scene_keys``).
 
     frames: M, where another one is wanted than the file says; not for JSON files, whose footholds are fixed. robot: in
-    place of the file's, a built-in name, a .urdf file or a .yaml file that names one; not for JSON files either.
+    place of the file's, a built-in name, a .urdf file or a .yaml file that names one, or a ``Robot``; not for JSON
+    files either.
     sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs. reach: a
     folder of reach polytopes for the limbs, in place of their own (``robot.reach_file``); not for JSON files.
     Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no place to stand.
@@ -67,7 +69,7 @@ def read_course(
         raise type(error)(f"{course}: {error}") from None
 
 
-def read_spec(course: str | Path, robot: str | None = None) -> CourseSpec:
+def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpec:
     """The description of a built-in course or in a YAML file, with another robot where one is named.
 
     Raises InvalidInput with every key that is wrong.
@@ -90,12 +92,13 @@ def described(course: str | Path) -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", read_yaml(course))
 
 
-def _spec(course: str | Path, data: Mapping[str, Any], robot: str | None) -> CourseSpec:
+def _spec(course: str | Path, data: Mapping[str, Any], robot: Robot | str | None) -> CourseSpec:
     """The description in keys, with another robot where one is named."""
-    if robot is not None:
+    if isinstance(robot, str):
         data = {**data, "robot": str(Path(robot).resolve()) if Path(robot).suffix else robot}
     try:
-        return spec_from(data)
+        spec = spec_from(data)
+        return spec.of_robot(robot) if isinstance(robot, Robot) else spec
     except InvalidInput as error:
         raise InvalidInput(f"{course}: {error}") from None
 

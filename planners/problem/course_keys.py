@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
@@ -214,21 +214,33 @@ class CourseSpec(_Keys):
     weights: WeightSpec = WeightSpec()
     candidates: CandidateSpec = CandidateSpec()
     terrain: AnyTerrain
+    _given: Robot | None = PrivateAttr(None)
+
+    def of_robot(self, robot: Robot | str) -> CourseSpec:
+        """The same for another robot: a name or a file, as the key ``robot`` has it, or a ``Robot`` as it is."""
+        if isinstance(robot, str):
+            return type(self).model_validate({**self.model_dump(), "robot": robot})
+        made = self.model_copy()
+        made._given = robot
+        return made
 
     def robot_model(self, folder: Path = Path()) -> RobotModel | None:
         """The model of a robot that the file names, by a path from its folder; None for one that is but its limbs.
 
         Raises InvalidInput.
         """
-        if not isinstance(self.robot, str) or self.robot == "hexapod":
+        if self._given is not None:
+            found = self._given.model
+        elif not isinstance(self.robot, str) or self.robot == "hexapod":
             return None
-        from ..robot.robot_file import named_robot
+        else:
+            from ..robot.robot_file import named_robot
 
-        try:
-            found = named_robot(folder / self.robot if Path(self.robot).suffix else self.robot)
-        except InvalidInput as error:
-            raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
-        if self.mass_kg is None:
+            try:
+                found = named_robot(folder / self.robot if Path(self.robot).suffix else self.robot)
+            except InvalidInput as error:
+                raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
+        if self.mass_kg is None or found is None:
             return found
         from ..robot.payload import with_mass
 
@@ -254,6 +266,12 @@ class CourseSpec(_Keys):
 
     def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
         """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see ``contact_robot``."""
+        if self._given is not None and model is self._given.model:
+            if model is None or sets == "inner":
+                return self._given if self.mass_kg is None else replace(self._given, mass_kg=self.mass_kg)
+            from ..robot.contact_robot import with_sets
+
+            return with_sets(self._given, sets)
         if model is not None:
             from ..robot.contact_robot import contact_robot
             from ..robot.workspace_cache import workspaces_of

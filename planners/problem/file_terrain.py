@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -55,6 +56,17 @@ class FileTerrain(TerrainSpec):
     footholds: FootholdKeys = FootholdKeys()
     _found: Footholds | None = PrivateAttr(None)
 
+    @classmethod
+    def of(cls, footholds: Footholds) -> FileTerrain:
+        """A terrain whose footholds were found before."""
+        made = cls(
+            file=footholds.name,
+            friction=footholds.pieces[0].patch.friction,
+            footholds=FootholdKeys(**asdict(footholds.limits)),
+        )
+        made._found = made._counted(footholds)
+        return made
+
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """All of the file, wherever the path goes; read once."""
         found = self._found
@@ -69,7 +81,12 @@ class FileTerrain(TerrainSpec):
         keys = ("unit_m", "up", "offset_m", "crop_m", "spacing_m", "height_m", "holes", "most_triangles")
         kind = None if self.kind == "file" else self.kind
         options = ImportOptions(kind=kind, **{key: getattr(self, key) for key in keys})
-        found = read_footholds(folder / self.file, options, FootholdLimits(**self.footholds.model_dump()))
+        return self._counted(
+            read_footholds(folder / self.file, options, FootholdLimits(**self.footholds.model_dump()))
+        )
+
+    def _counted(self, found: Footholds) -> Footholds:
+        """The same footholds. Raises InvalidInput for too many."""
         if len(found.surfaces) + len(found.pieces) > MOST_PATCHES:
             raise InvalidInput(
                 f"{self.file}: expected at most {MOST_PATCHES} surfaces and footholds, got "

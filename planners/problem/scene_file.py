@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InvalidInput
 from ..files.validation import validated
+from ..robot.model import Robot
 from .course import Course
 from .scene_keys import SceneSpec
 from .scene_layout import build_scene
@@ -21,7 +22,7 @@ def read_scene(
     scene: str | Path,
     data: Mapping[str, Any],
     frames: int | None = None,
-    robot: str | None = None,
+    robot: Robot | str | None = None,
     sets: Sets = "inner",
     reach: str | Path | None = None,
 ) -> Course:

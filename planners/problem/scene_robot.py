@@ -33,21 +33,30 @@ def published_robot(spec: SceneSpec, folder: Path, reach: str | Path | None = No
     return _of_sets(spec, read_reach(own, spec.limbs, com_stretch=spec.reach.com_stretch))
 
 
-def other_robot(spec: SceneSpec, robot: str, folder: Path, sets: Sets = "inner") -> tuple[SceneSpec, Robot, float]:
+def other_robot(
+    spec: SceneSpec, robot: Robot | str, folder: Path, sets: Sets = "inner"
+) -> tuple[SceneSpec, Robot, float]:
     """The scene with the names of another robot's legs, the robot, and its tilt limit.
 
-    robot: ``anymal``, the boxes that walks have, or what ``named_robot`` takes. Legs are matched by how their names
-    begin. A robot's soles are the scene's; it has no joints then, which are for point feet. Plans keep the body level,
-    as the published do, since that costs inner sets nothing; proofs are of one that tilts. Raises InvalidInput.
+    robot: ``anymal``, the boxes that walks have, what ``named_robot`` takes, or a ``Robot``. Legs are matched by how
+    their names begin. A robot's soles are the scene's; it has no joints then, which are for point feet. Plans keep the
+    body level, as the published do, since that costs inner sets nothing; proofs are of one that tilts. Raises
+    InvalidInput.
     """
-    if robot == BOXES:
+    if isinstance(robot, str) and robot == BOXES:
         made = _of_boxes(anymal())
+    elif isinstance(robot, Robot) and robot.model is None:
+        made = robot
     else:
         from ..robot.contact_robot import contact_robot
         from ..robot.robot_file import named_robot
         from ..robot.workspace_cache import workspaces_of
 
-        model = named_robot(folder / robot if Path(robot).suffix else robot)
+        if isinstance(robot, Robot):
+            model = robot.model
+            assert model is not None
+        else:
+            model = named_robot(folder / robot if Path(robot).suffix else robot)
         made = contact_robot(model, workspaces_of(model), sets)
         if spec.ours.sole_m is not None:
             sole = np.array(spec.ours.sole_m)

@@ -26,6 +26,12 @@ class WholeBodyLimits:
     Raises:
         InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative number of steps or
             distance.
+    Source:
+        None: joint limits of the robot's file, and those that are asked for.
+    Example:
+        >>> from stancekit import WholeBodyLimits
+        >>> WholeBodyLimits(torque_nm=8.0).share
+        0.9
     """
 
     torque_nm: float | None = None

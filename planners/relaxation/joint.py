@@ -13,7 +13,7 @@ lift, linearised at a learned point (``least_gap``), draws the answer to the bil
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,35 +24,17 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from .boxed import Boxed
 from .envelope import Envelope
 from .envelope_rows import envelope_rows
 from .least_gap import least_gap
 from .margin_gradient import margin_gradient
-from .mccormick import McCormick
 from .relaxed import RelaxationAnswer, Relaxed, doubtful
 
 MARGIN_PRICE = 10.0
 """Of the margin, in units of the squared gap: the answer leaves the envelope only where it has to."""
-
-
-RelaxationName = Literal["p1", "joint"]
-"""Which P1 over a box: McCormick's alone, or with the lift."""
-
-
-def signed_margin(
-    programs: Programs, scaled: Scaled, box: Envelope, relaxation: RelaxationName, *, gradient: bool = False
-) -> RelaxationAnswer:
-    """Either P1's signed margin over a box: the least t by which the rows of its envelope have to give way.
-
-    P1 has an answer where t ≤ 0. programs: to share. relaxation: "p1" McCormick's rows alone, "joint" linked with the
-    lift. gradient: also ∂t/∂low and ∂t/∂high. The margin of the answer is inf where not even the rest has an answer,
-    NaN where the solver failed.
-    """
-    if relaxation == "p1":
-        return programs.get(McCormick, scaled.layout).solve(scaled, box, gradient=gradient)
-    return programs.get(Joint, scaled.layout, True).solve(scaled, box, gradient=gradient)
 
 
 def near_nominal(scaled: Scaled, at: Array) -> Point:
@@ -72,6 +54,9 @@ class Joint:
 
     signed: minimise the signed margin alone; else MARGIN_PRICE · t + Σ g², t ≥ 0, with the gap linearised at a point.
     """
+
+    over_boxes: ClassVar[bool] = True
+    about_points: ClassVar[bool] = True
 
     def __init__(self, layout: Layout, signed: bool = False) -> None:
         layout.check_point_feet("envelopes")
@@ -97,6 +82,26 @@ class Joint:
             rows.put(rows.at_most("margin_positive", 1), margin, -1.0)
             least_gap(rows, layout, toes, forces)
 
+    @classmethod
+    def margin(
+        cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
+    ) -> RelaxationAnswer:
+        """The signed margin over one box (``table.Relaxation``)."""
+        return programs.get(cls, scaled.layout, True).solve(scaled, box, gradient=gradient)
+
+    @classmethod
+    def answers(
+        cls,
+        programs: Programs,
+        scaled: Sequence[Scaled],
+        boxes: Sequence[Sequence[Envelope]],
+        points: Sequence[Array],
+    ) -> list[RelaxationAnswer]:
+        """The one box of each problem, all of one layout (``table.Relaxation``)."""
+        if any(len(each) != 1 for each in boxes):
+            raise InvalidInput(f"envelopes: expected one for joint, got {max(map(len, boxes))}")
+        return programs.get(cls, scaled[0].layout).solve_each(scaled, [box for (box,) in boxes], points)
+
     def reference(self, given: Boxed) -> Reference:
         """The same in cvxpy."""
         from ..equilibrium.reference import joint  # cvxpy takes a second to import
@@ -118,8 +123,12 @@ class Joint:
     def solve_each(
         self, scaled: Sequence[Scaled], boxes: Sequence[Envelope], at: Sequence[Array]
     ) -> list[RelaxationAnswer]:
-        """``solve`` of a box and a point a problem, all solved as ``Rows.solve_all`` does."""
-        data = [self._given(*one) for one in zip(scaled, boxes, at, strict=True)]
+        """``solve`` of one box and one point per problem, all solved as ``Rows.solve_all`` does.
+
+        at: no points stand for the middles of the boxes.
+        """
+        about: Sequence[Array | None] = at or [None] * len(scaled)
+        data = [self._given(*one) for one in zip(scaled, boxes, about, strict=True)]
         solved = self.rows.solve_all(data, doubtful)
         return [self._answer(solution, given) for solution, given in zip(solved, data, strict=True)]
 

@@ -8,7 +8,11 @@ relaxed; the centre of mass is not, since Σ f is fixed (``terms.Moments``). Ove
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
 
 from ..cached import cached_property
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
@@ -21,7 +25,8 @@ from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array
-from .relaxed import Relaxed, unit_shares
+from .envelope import Envelope
+from .relaxed import RelaxationAnswer, Relaxed, unit_shares
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,6 +65,9 @@ class LiftProgram:
     the moment residual, for which there is an answer nearly always; else the course's objective, moments being zero.
     """
 
+    over_boxes: ClassVar[bool] = False
+    about_points: ClassVar[bool] = False
+
     def __init__(self, layout: Layout, implied: bool, least_moment: bool) -> None:
         self.layout, self.rows, self._least = layout, Rows[Given](keep=layout.frames == 1), least_moment
         rows = self.rows
@@ -81,6 +89,24 @@ class LiftProgram:
         body.reach(toes)
         body.limits()
         body.steps(toes)
+
+    @classmethod
+    def margin(
+        cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
+    ) -> RelaxationAnswer:
+        """The least moment residual, whatever the box (``table.Relaxation``)."""
+        return cls.answers(programs, [scaled], [[box]], [])[0]
+
+    @classmethod
+    def answers(
+        cls,
+        programs: Programs,
+        scaled: Sequence[Scaled],
+        boxes: Sequence[Sequence[Envelope]],
+        points: Sequence[Array],
+    ) -> list[RelaxationAnswer]:
+        """The least moment residual of each problem (``table.Relaxation``)."""
+        return [as_relaxation(solve_lift(programs, one, least_moment=True)) for one in scaled]
 
     def solve(self, scaled: Scaled) -> LiftAnswer:
         """Solve for a problem of this layout."""
@@ -121,3 +147,10 @@ def solve_lift(programs: Programs, scaled: Scaled, *, least_moment: bool) -> Lif
     Returns an answer whose ``bound`` is proved: of the residual, or of the objective; inf where there is none.
     """
     return programs.get(LiftProgram, scaled.layout, scaled.box_implied, least_moment).solve(scaled)
+
+
+def as_relaxation(lift: LiftAnswer) -> RelaxationAnswer:
+    """The lift of a posture in P1's words: its margin is the moment residual."""
+    if not lift.solved:
+        return RelaxationAnswer(margin=float("nan"))
+    return RelaxationAnswer(margin=lift.bound, relaxed=None if np.isinf(lift.bound) else lift)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.objective import objective
+from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given
@@ -65,6 +66,11 @@ class McCormick:
     boxes: how many a stance chooses among.
     """
 
+    over_boxes: ClassVar[bool] = True
+    about_points: ClassVar[bool] = False
+    own_rows: ClassVar[tuple[str, ...]] = ()
+    """Groups of rows beside the envelope's in which the box's bounds stand."""
+
     def __init__(self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1) -> None:
         if soft and boxes > 1:
             raise InvalidInput(f"boxes: expected 1 for the signed margin, got {boxes}")
@@ -88,14 +94,31 @@ class McCormick:
         self._toes.put(legs, foothold, -1.0)
         self._balance(first)
         if boxes == 1:
-            whole = np.concatenate([self._position, self._box_forces], axis=1)
-            envelope_rows(rows, whole, self._moments, margin=margin)
+            self._over_box(margin)
         else:
             self._hull(boxes)
         if margin is not None:
             rows.linear(margin, 1.0)
         else:
             objective(rows, layout, self._body, self._toes)
+
+    @classmethod
+    def margin(
+        cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
+    ) -> RelaxationAnswer:
+        """The signed margin over one box (``table.Relaxation``)."""
+        return programs.get(cls, scaled.layout).solve(scaled, box, gradient=gradient)
+
+    @classmethod
+    def answers(
+        cls,
+        programs: Programs,
+        scaled: Sequence[Scaled],
+        boxes: Sequence[Sequence[Envelope]],
+        points: Sequence[Array],
+    ) -> list[RelaxationAnswer]:
+        """The best box of each problem, all of one layout (``table.Relaxation``)."""
+        return programs.get(cls, scaled[0].layout).solve_any_of_each(scaled, boxes)
 
     def reference(self, given: Boxed) -> Reference:
         """The same in cvxpy."""
@@ -158,7 +181,7 @@ class McCormick:
         if answer.at is None:
             return DualBound(margin=answer.margin)
         # The rows of the box are left out: they are linear in its bounds, and come back at another box.
-        constant, slope = self.rows.lagrangian(given, solution, without=("envelope", "sides"))
+        constant, slope = self.rows.lagrangian(given, solution, without=("envelope", "sides", *self.own_rows))
         com, turn, weights, moments = (slope[solution.columns[n]] for n in ("com", "rotation", "weights", "moments"))
         # What is left of the other columns, the solver's dual residual, at its worst over their ranges.
         com, radius = com[0], scaled.com_radius[0]
@@ -219,6 +242,11 @@ class McCormick:
         else:
             rows.put(net[:, :, None], moments[:, a], Of("scaled.frames", (first[:, None], b)))
             rows.put(net[:, :, None], moments[:, b], -Of("scaled.frames", (first[:, None], a)))
+
+    def _over_box(self, margin: Index | None) -> None:
+        """Bound (p, f, m) by the envelope of one box; a relaxation of its own adds rows here."""
+        whole = np.concatenate([self._position, self._box_forces], axis=1)
+        envelope_rows(self.rows, whole, self._moments, margin=margin)
 
     def _hull(self, boxes: int) -> None:
         """(p, f, m) is a sum of copies, one a box, in as many shares z as it is chosen."""

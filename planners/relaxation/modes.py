@@ -29,10 +29,20 @@ FORMAT = "stancekit/modes/1"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modes:
-    """An envelope a terrain, each over [p, f] with f in world axes.
+    """One envelope per kind of terrain, each over [p, f] with f in world axes, between which ``plan`` switches.
 
-    names: of the terrains, in the order in which ``Course.modes`` counts them (0 ground, 1 wall). boxes: as many
-    envelopes; its legs may be mirrored.
+    Arguments:
+        names: of the kinds of terrain, in the order in which ``Course.modes`` counts them (0 ground, 1 wall).
+        boxes: as many envelopes; their legs may be mirrored.
+    Source:
+        Paper E §IV-A, mode switching.
+    Example:
+        >>> import numpy as np
+        >>> from stancekit import Envelope, EnvelopeSet, Modes, sample
+        >>> box = Envelope(low=-np.ones((3, 6)), high=np.ones((3, 6)))
+        >>> learned = EnvelopeSet.for_problems("wall-3", sample("wall-3", 1), [box])
+        >>> Modes(names=("wall",), boxes=learned).names
+        ('wall',)
     """
 
     names: tuple[str, ...]

@@ -23,7 +23,7 @@ from .legged import foot_radii, legged_model, rotor_kg_m2
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo
-from .urdf_reader import at_rest, built, pinocchio
+from .urdf_reader import at_rest, pinocchio
 
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
@@ -61,7 +61,7 @@ class Kinematics:
         self.legs = np.repeat(np.arange(len(own)), [len(leg.joints) for leg in own])
         self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in own])
         self._most = int(self._nth.max()) + 1
-        self.known = built(self.model.urdf, robot.name)
+        self.known = self.model.built.copy()
         self._number = [self.known.getJointId(name) for name in self.joints]
         self._feet = [
             self.known.addFrame(pin.Frame(f"{leg.name}: foot", self.known.getJointId(leg.joint_names[-1]),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 from xml.etree import ElementTree
 
 from ..errors import InvalidInput
 from ..files.arrays import checked
 from .robot_model import RobotModel, model_of
-from .urdf_reader import parsed
 
 
 def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
@@ -18,7 +18,7 @@ def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
     the legs alone have, or that is not a positive number.
     """
     wanted = checked(mass_kg, "mass_kg", above=0.0)
-    root = parsed(model.urdf, model.name)
+    root = deepcopy(model.tree)
     loads = {
         link.get("name", ""): mass
         for link in root.findall("link")

@@ -15,7 +15,7 @@ from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
 from .leg import FootContact
 from .legged import legged_model
-from .model import hexapod
+from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
 from .urdf_reader import JointCorrection, Number, Positive, built
 
@@ -89,6 +89,24 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
     if str(name) in BUILT_IN:
         return hexapod_model()
     raise unknown(name, BUILT_IN)
+
+
+def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Robot:
+    """A robot as the contact planner has it, over the inner sets of its legs.
+
+    robot: as for ``named_robot``; a ``Robot`` is returned as it is.
+    srdf: likewise, for a robot of a file.
+    Raises InvalidInput, also for a leg without a workspace that has an inside.
+    """
+    if isinstance(robot, Robot):
+        return robot
+    if str(robot) in BUILT_IN and srdf is None:
+        return hexapod()
+    from .contact_robot import contact_robot
+    from .workspace_cache import workspaces_of  # measures legs, which is slow to import
+
+    model = named_robot(robot, srdf=srdf)
+    return contact_robot(model, workspaces_of(model))
 
 
 def robot_path(name: str | Path) -> Path:

@@ -11,10 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown
@@ -34,8 +36,8 @@ from .urdf_reader import (
     matching,
     parsed,
     pinocchio,
+    remove_root_joint,
     turned,
-    without_root_joint,
 )
 
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
@@ -85,6 +87,19 @@ class RobotModel:
     remarks: tuple[Remark, ...] = ()
     gaps: tuple[str, ...] = ()
     older: Mapping[str, Any] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in ("tree", "built")}
+
+    @cached_property
+    def tree(self) -> Element:
+        """The URDF as XML, parsed once; who changes it takes a copy."""
+        return parsed(self.urdf, self.name)
+
+    @cached_property
+    def built(self) -> Any:
+        """pinocchio's model of it on a free-flying base, made once; who changes it takes a copy."""
+        return built(self.urdf, self.name)
 
     @property
     def leg_names(self) -> tuple[str, ...]:
@@ -200,10 +215,13 @@ def model_of(
     name: in place of the URDF's. root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
     Raises InvalidInput, in one line, for a file that is no URDF of a robot with legs and masses.
     """
-    text = without_root_joint(corrected(text.strip("\0 \t\r\n"), joints or {}, where), where)
+    text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
+    root = parsed(text, where)
+    if remove_root_joint(root):
+        text = ElementTree.tostring(root, encoding="unicode")
     if len(root_rpy_rad):
         text = turned(text, root_rpy_rad, where)
-    root = parsed(text, where)
+        root = parsed(text, where)
     model = built(text, where)
     try:
         shapes, missing = shapes_of(root, folder, packages)
@@ -231,12 +249,15 @@ def model_of(
     doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
     mounts = _mounts(model, legs, rest)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
-    return RobotModel(
+    made = RobotModel(
         name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=mounts, gaps=gaps,
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
         remarks=(*(Remark(kind="guess", text=each) for each in (*guesses, *more)),
                  *(Remark(kind="doubt", text=each) for each in (*gaps, *_joined(doubts)))),
     )  # fmt: skip
+    if not balls:
+        vars(made).update(tree=root, built=model)
+    return made
 
 
 def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:

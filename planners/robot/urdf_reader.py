@@ -104,12 +104,11 @@ FLYING = ("floating", "planar")
 """Types of a root joint that is the base's own freedom."""
 
 
-def without_root_joint(text: str, where: str) -> str:
-    """The URDF whose root is the robot's own base, where a joint that flies ties that to a bare world.
+def remove_root_joint(root: Element) -> bool:
+    """Make the robot's own base the root of a URDF, where a joint that flies ties that to a bare world.
 
-    Such a joint is the base itself; a bare world has neither weight nor shape. Raises InvalidInput as ``parsed`` does.
+    Such a joint is the base itself; a bare world has neither weight nor shape. Returns whether there was one.
     """
-    root = parsed(text, where)
     joints = root.findall("joint")
     children = {child.get("link") for child in root.findall("joint/child")}
     for world in [link for link in root.findall("link") if link.get("name") not in children]:
@@ -119,8 +118,8 @@ def without_root_joint(text: str, where: str) -> str:
         if empty and len(own) == 1 and own[0].get("type") in FLYING:
             root.remove(own[0])
             root.remove(world)
-            return ElementTree.tostring(root, encoding="unicode")
-    return text
+            return True
+    return False
 
 
 def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]:

@@ -18,6 +18,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
 from .contact_robot import contact_robot, standing_toes
+from .model import Robot
 from .polytope import Polytope
 from .robot_file import YAML, model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel
@@ -56,6 +57,23 @@ def named_walker(name: str | Path) -> GaitRobot:
     if str(name) in BUILT_IN:
         return BUILT_IN[str(name)]()
     raise unknown(name, tuple(BUILT_IN))
+
+
+def walker_from(robot: Robot | GaitRobot | str | Path) -> GaitRobot:
+    """A robot as walks have it: as it is, of a ``Robot`` with legs of its own, or as ``named_walker`` reads it.
+
+    Raises InvalidInput for a ``Robot`` that is but its limbs, and is not the default hexapod.
+    """
+    if isinstance(robot, GaitRobot):
+        return robot
+    if not isinstance(robot, Robot):
+        return named_walker(robot)
+    if robot.model is not None:
+        return walker_of(robot.model)
+    own = hexapod_walker()
+    if robot.limb_names == own.foot_names and robot.mass_kg == own.mass_kg:
+        return own
+    raise InvalidInput(f"robot: expected one with legs of its own for a walk, got {robot.name}, which is but its limbs")
 
 
 def walker_of(

@@ -44,7 +44,8 @@ class EnvelopeCoursePlanner(TimeLimited):
 
     envelopes: boxes in contact frames, learned for a stance of the course or its mirror image; with several, one is
     chosen a stance. Several sets are for stances on different limbs; ``StanceBoxes`` for the stances of one course.
-    ``Modes`` are boxes in world axes. max_nodes, time_limit_s: of the search.
+    ``Modes`` are boxes in world axes. relaxation: P1 over them, a class like ``McCormick``. max_nodes, time_limit_s: of
+    the search.
     """
 
     name = "two-stage"
@@ -53,7 +54,9 @@ class EnvelopeCoursePlanner(TimeLimited):
         self,
         envelopes: EnvelopeSet | Sequence[EnvelopeSet] | StanceBoxes | Modes,
         *,
+        relaxation: type[McCormick] = McCormick,
         projection: Projection = "scp",
+        reserve: bool = True,
         acceptance: Acceptance = Acceptance(),
         max_nodes: int = 200,
         time_limit_s: float = 60.0,
@@ -61,9 +64,10 @@ class EnvelopeCoursePlanner(TimeLimited):
     ) -> None:
         PROJECTIONS.get(projection)
         self.envelopes = envelopes
+        self.relaxation = relaxation
         self.axes: Axes = "world" if isinstance(envelopes, Modes) else "contact"
         self.projection: Projection = projection
-        self.acceptance = acceptance
+        self.acceptance, self.reserve = acceptance, reserve
         self.max_nodes, self.time_limit_s = max_nodes, time_limit_s
         self.programs = programs or Programs()
 
@@ -100,21 +104,21 @@ class EnvelopeCoursePlanner(TimeLimited):
 
     def margin(self, scaled: Scaled, box: Envelope, clock: Clock | None = None) -> RelaxationAnswer:
         """The signed margin of P1 over one box a contact, all open candidates allowed."""
-        answer = self.programs.get(McCormick, scaled.layout, self.axes).solve(scaled, box)
+        answer = self.programs.get(self.relaxation, scaled.layout, self.axes).solve(scaled, box)
         (clock or Clock.start()).count(1, answer.seconds)
         return answer
 
     def size(self, scaled: Scaled) -> tuple[int, int]:
         """Rows and columns of P1 with one box a stance."""
-        return self.programs.get(McCormick, scaled.layout, self.axes, False).rows.shape
+        return self.programs.get(self.relaxation, scaled.layout, self.axes, False).rows.shape
 
     def relaxed(self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array, clock: Clock) -> RelaxationAnswer:
         """P1 with these boxes allowed in every stance, shape (S, E); one box a stance needs no hull."""
         if np.all(allowed.sum(axis=1) == 1.0):
             box = composed(scaled.layout, boxes, allowed.argmax(axis=1))
-            answer = self.programs.get(McCormick, scaled.layout, self.axes, False).solve(scaled, box)
+            answer = self.programs.get(self.relaxation, scaled.layout, self.axes, False).solve(scaled, box)
         else:
-            hull = self.programs.get(McCormick, scaled.layout, self.axes, False, len(boxes))
+            hull = self.programs.get(self.relaxation, scaled.layout, self.axes, False, len(boxes))
             answer = hull.solve_hull(scaled, boxes, allowed)
         clock.count(1, answer.seconds)
         return answer

@@ -1,12 +1,14 @@
-"""The planners of postures and of courses by name, and what each of them needs."""
+"""The methods that answer postures and courses: a value each, with its settings; their names; what is made of them."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, get_args, runtime_checkable
 
+from ..arguments import check_argument
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..files.arrays import check_numbers, checked_choice
@@ -19,264 +21,473 @@ if TYPE_CHECKING:  # what a planner needs is imported when it is asked for: a co
     from ..relaxation.envelope import EnvelopeSet
     from ..relaxation.modes import Modes
 
-Relaxation = Literal["lift", "envelope"]
-RELAXATIONS: tuple[Relaxation, ...] = get_args(Relaxation)
 Solver = Literal["highs", "scip", "gurobi"]
 EnvelopeUse = Literal["rows", "shrink"]
-COMMON = ("acceptance", "programs")
-"""Options that every method takes."""
 POSTURE_LIMIT_S, COURSE_LIMIT_S = 30.0, 60.0
 """Time limits of one posture problem and of one course where none is given [s]."""
+SETTINGS: Mapping[str, Any] = MappingProxyType(
+    {
+        "envelopes": None,
+        "relaxation": None,
+        "projection": None,
+        "solver": "highs",
+        "intervals": 4,
+        "envelope_use": "rows",
+        "gap": None,
+    }
+)
+"""Settings of methods that a planner from elsewhere can be given, too, and what it reads where it was not."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerOptions:
-    """The options that a planner is made with; ``METHODS`` and ``COURSE_METHODS`` say which of them each method takes.
+    """What every planner is made with beside the settings of its method.
+
+    A planner from elsewhere is called with one, and reads settings as attributes, for example ``options.envelopes``.
 
     Arguments:
-        envelopes: learned boxes; of courses also ``Modes``.
-        relaxation: of courses, P1 of ``two-stage``.
-        projection: P2; the method's own where None.
-        solver, intervals: of ``micp``.
-        envelope_use: of ``micp`` over courses.
-        gap: relative, of ``micp`` and ``exact`` over courses; None takes the first point, or the default.
         time_limit_s: of one problem; ``POSTURE_LIMIT_S`` or ``COURSE_LIMIT_S`` where None [s].
         acceptance: when a claim counts.
-        programs: to share; their engine solves the convex programs.
+        programs: compiled models to share; their engine solves the convex programs.
+        settings: by name, for a planner from elsewhere, see ``SETTINGS``.
     Raises:
-        InvalidInput: for a name that there is not, and a number out of range.
+        InvalidInput: for a limit that is negative.
     """
 
-    envelopes: EnvelopeSet | Modes | None = None
-    relaxation: Relaxation | None = None
-    projection: Projection | None = None
-    solver: str = "highs"
-    intervals: int = 4
-    envelope_use: EnvelopeUse = "rows"
-    gap: float | None = None
     time_limit_s: float | None = None
     acceptance: Acceptance = field(default_factory=Acceptance)
     programs: Programs | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        checked_choice(self.solver, "solver", get_args(Solver))
-        checked_choice(self.envelope_use, "envelope_use", get_args(EnvelopeUse))
-        check_numbers(self, least=("time_limit_s", "gap"))
-        if self.relaxation is not None:
-            checked_choice(self.relaxation, "relaxation", RELAXATIONS)
-        if self.projection is not None:
-            PROJECTIONS.get(self.projection)
+        check_numbers(self, least=("time_limit_s",))
+
+    def __getattr__(self, name: str) -> Any:
+        if name in SETTINGS:
+            return self.settings.get(name, SETTINGS[name])
+        raise AttributeError(f"PlannerOptions has no {name!r}")
 
     def limit(self, default_s: float) -> float:
         """The time limit, or this one where none was given [s]."""
         return default_s if self.time_limit_s is None else self.time_limit_s
 
-    def check_used(self, by: str, taken: tuple[str, ...]) -> None:
-        """Raise InvalidInput for an option that was given and that a method does not take.
+    def check_unlimited(self, by: str) -> None:
+        """Raise InvalidInput for a time limit. by: the method that has no use for one."""
+        if self.time_limit_s is not None:
+            raise InvalidInput(
+                f"time_limit_s: expected none for {by}, which has no use for it, got {self.time_limit_s:g}"
+            )
 
-        by: the method, for the message. taken: names of the options that it takes, beside ``COMMON``.
-        """
-        for option in fields(self):
-            value = getattr(self, option.name)
-            if option.name not in (*taken, *COMMON) and value is not option.default and value != option.default:
-                came = shown(value) if isinstance(value, str | int | float) else type(value).__name__
-                raise InvalidInput(f"{option.name}: expected none for {by}, which has no use for it, got {came}")
 
-    @property
-    def boxes(self) -> EnvelopeSet | None:
-        """The envelopes. Raises InvalidInput for modes, between which only a planner of courses can switch."""
+@runtime_checkable
+class Method(Protocol):
+    """A way to answer problems, with its settings, for example ``TwoStage(projection="fix-p")``."""
+
+    name: ClassVar[str]
+
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner of postures. Raises InvalidInput where there is none, or settings do not fit it."""
+        ...
+
+    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
+        """Make the planner of courses. Raises InvalidInput likewise."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exact:
+    """Branch and bound to a verdict with its evidence; of courses to the best plan, for short ones.
+
+    Arguments:
+        gap: of courses, relative: a plan this close to the best counts as best.
+    Raises:
+        InvalidInput: for a gap that is negative.
+    Source:
+        Spatial branch and bound over E1-E11.
+    Example:
+        >>> import stancekit
+        >>> stancekit.solve(stancekit.sample("wall-3", rng=8)[0], stancekit.Exact()).status.value
+        'infeasible'
+    """
+
+    gap: float = 1e-3
+    name: ClassVar[str] = "exact"
+
+    def __post_init__(self) -> None:
+        check_argument("gap", self.gap, float)
+        check_numbers(self, least=("gap",))
+
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner of postures."""
+        from .exact import ExactPlanner
+
+        return ExactPlanner(
+            acceptance=options.acceptance,
+            time_limit_s=options.limit(POSTURE_LIMIT_S),
+            programs=options.programs,
+        )
+
+    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
+        """Make the planner of courses."""
+        from .exact import ExactCoursePlanner
+
+        return ExactCoursePlanner(
+            gap=self.gap,
+            time_limit_s=options.limit(COURSE_LIMIT_S),
+            acceptance=options.acceptance,
+            programs=options.programs,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoStage:
+    """The two stages of paper E: P1, a convex relaxation, then P2, a projection onto the bilinear surface m = p·f.
+
+    Arguments:
+        relaxation: P1, a name of ``RELAXATIONS``; where None "p1" with envelopes, and without any the lift.
+        envelopes: learned boxes that P1 is over; of courses also ``Modes``, between which stances choose.
+        projection: P2, a name of ``PROJECTIONS``; None puts P1's own point to the verifier, of postures.
+        reserve: of courses: plan with 80 % of the friction where that has a plan, else with 90 %, else with all.
+    Raises:
+        InvalidInput: for an unknown name, envelopes that are missing, and envelopes that the lift has no use for.
+    Source:
+        Paper E §II, §III.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> stancekit.solve(problem, stancekit.TwoStage(projection="fix-p")).status.value
+        'feasible'
+    """
+
+    relaxation: str | None = None
+    envelopes: EnvelopeSet | Modes | None = None
+    projection: Projection | None = "scp"
+    reserve: bool = True
+    name: ClassVar[str] = "two-stage"
+
+    def __post_init__(self) -> None:
+        from ..relaxation.envelope import EnvelopeSet
         from ..relaxation.modes import Modes
+        from ..relaxation.table import RELAXATIONS
 
-        if isinstance(self.envelopes, Modes):
-            raise InvalidInput("envelopes: expected envelopes, got modes, which are for courses")
-        return self.envelopes
+        check_argument("relaxation", self.relaxation, str | None)
+        check_argument("envelopes", self.envelopes, EnvelopeSet | Modes | None)
+        check_argument("projection", self.projection, str | None)
+        check_argument("reserve", self.reserve, bool)
+        if self.relaxation == "envelope":  # as plans had it
+            object.__setattr__(self, "relaxation", "p1")
+        if self.projection is not None:
+            PROJECTIONS.get(self.projection)
+        if self.relaxation is None:
+            return
+        over_boxes = RELAXATIONS.get(self.relaxation).over_boxes
+        if over_boxes and self.envelopes is None:
+            raise InvalidInput(f"envelopes: expected an envelope for the relaxation {self.relaxation}, got none")
+        if not over_boxes and self.envelopes is not None:
+            raise InvalidInput(f"envelopes: expected none for the {self.relaxation}, which has no use for them")
 
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner of postures."""
+        from .posture import TwoStagePlanner
 
-def _exact(options: PlannerOptions) -> Planner:
-    from .exact import ExactPlanner
+        options.check_unlimited(self.name)
+        if not self.reserve:
+            raise InvalidInput("reserve: expected none for postures, whose friction is all there is")
+        return TwoStagePlanner(
+            envelopes=_boxes(self.envelopes),
+            relaxation=self.relaxation or "p1",
+            projection=self.projection,
+            acceptance=options.acceptance,
+            programs=options.programs,
+        )
 
-    return ExactPlanner(
-        acceptance=options.acceptance, time_limit_s=options.limit(POSTURE_LIMIT_S), programs=options.programs
-    )
+    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
+        """Make the planner of courses."""
+        if self.projection is None:
+            raise InvalidInput("projection: expected one for courses, got none")
+        made: dict[str, Any] = {
+            "projection": self.projection,
+            "reserve": self.reserve,
+            "time_limit_s": options.limit(COURSE_LIMIT_S),
+            "acceptance": options.acceptance,
+            "programs": options.programs,
+        }
+        if self.envelopes is None:
+            from .two_stage import TwoStageCoursePlanner
 
-
-def _p1(options: PlannerOptions) -> Planner:
-    if options.envelopes is None:
-        raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
-    return _staged(options, options.boxes, options.projection)
-
-
-def _lift(options: PlannerOptions) -> Planner:
-    return _staged(options, None, options.projection)
-
-
-def _two_stage(options: PlannerOptions) -> Planner:
-    return _staged(options, options.boxes, options.projection or "scp")
-
-
-def _staged(options: PlannerOptions, envelopes: EnvelopeSet | None, projection: Projection | None) -> Planner:
-    from .posture import TwoStagePlanner
-
-    return TwoStagePlanner(
-        envelopes=envelopes, projection=projection, acceptance=options.acceptance, programs=options.programs
-    )
-
-
-def _nlp(options: PlannerOptions) -> Planner:
-    from .nlp import NlpPlanner
-
-    limit_s = options.limit(POSTURE_LIMIT_S)
-    return NlpPlanner(acceptance=options.acceptance, time_limit_s=limit_s, programs=options.programs)
-
-
-def _micp(options: PlannerOptions) -> Planner:
-    from ..relaxation.micp import Grid
-    from .micp import MicpPlanner
-
-    boxes = options.boxes
-    if boxes is not None and len(boxes.envelopes) > 1:
-        raise InvalidInput(f"envelope: expected one envelope for micp, got {len(boxes.envelopes)}")
-    return MicpPlanner(
-        solver=options.solver, grid=Grid(intervals=options.intervals), envelope=boxes,
-        time_limit_s=options.limit(POSTURE_LIMIT_S), acceptance=options.acceptance, programs=options.programs,
-    )  # fmt: skip
-
-
-def _course_two_stage(options: PlannerOptions) -> CoursePlanner:
-    projection = options.projection or "scp"
-    if options.envelopes is not None:
+            return TwoStageCoursePlanner(**made)
+        from ..relaxation.mccormick import McCormick
+        from ..relaxation.table import RELAXATIONS
         from .enveloped import EnvelopeCoursePlanner
 
-        return EnvelopeCoursePlanner(
-            options.envelopes, projection=projection, time_limit_s=options.limit(COURSE_LIMIT_S),
-            acceptance=options.acceptance, programs=options.programs,
-        )  # fmt: skip
-    from .two_stage import TwoStageCoursePlanner
-
-    return TwoStageCoursePlanner(
-        projection=projection, time_limit_s=options.limit(COURSE_LIMIT_S), acceptance=options.acceptance,
-        programs=options.programs,
-    )  # fmt: skip
+        relaxation = RELAXATIONS.get(self.relaxation or "p1")
+        if not (isinstance(relaxation, type) and issubclass(relaxation, McCormick)):
+            raise InvalidInput(
+                f"relaxation: expected one for courses, p1 or one derived from it, got {self.relaxation}"
+            )
+        return EnvelopeCoursePlanner(self.envelopes, relaxation=relaxation, **made)
 
 
-def _course_micp(options: PlannerOptions) -> CoursePlanner:
-    from ..relaxation.micp import Grid
+@dataclass(frozen=True, kw_only=True)
+class Micp:
+    """A piecewise McCormick grid, mixed-integer; needs the extra exact for other solvers than HiGHS.
+
+    Arguments:
+        solver: "highs", "scip" or "gurobi".
+        intervals: pieces of each axis of the grid, a power of two.
+        envelopes: one learned box that the grid is over.
+        envelope_use: of courses: the box as "rows", or to "shrink" the grid.
+        gap: of courses, relative; None takes the first point.
+        projection: of courses, P2 after the grid.
+    Raises:
+        InvalidInput: for a solver, a use or a projection that there is not, and for several envelopes.
+    Source:
+        Paper E §IV; the grid is that of piecewise McCormick envelopes.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> stancekit.solve(problem, stancekit.Micp(intervals=2)).status.value
+        'feasible'
+    """
+
+    solver: Solver = "highs"
+    intervals: int = 4
+    envelopes: EnvelopeSet | None = None
+    envelope_use: EnvelopeUse = "rows"
+    gap: float | None = None
+    projection: Projection = "scp"
+    name: ClassVar[str] = "micp"
+
+    def __post_init__(self) -> None:
+        from ..relaxation.envelope import EnvelopeSet
+        from ..relaxation.modes import Modes
+
+        check_argument("envelopes", self.envelopes, EnvelopeSet | Modes | None)
+        check_argument("intervals", self.intervals, int)
+        check_argument("gap", self.gap, float | None)
+        check_argument("projection", self.projection, str)
+        checked_choice(self.solver, "solver", get_args(Solver))
+        checked_choice(self.envelope_use, "envelope_use", get_args(EnvelopeUse))
+        check_numbers(self, least=("gap",))
+        PROJECTIONS.get(self.projection)
+        if isinstance(self.envelopes, Modes):
+            raise InvalidInput("envelopes: expected one envelope for micp, got modes")
+
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner of postures."""
+        from ..relaxation.micp import Grid
+        from .micp import MicpPlanner
+
+        if self.envelopes is not None and len(self.envelopes.envelopes) > 1:
+            raise InvalidInput(f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}")
+        return MicpPlanner(
+            solver=self.solver,
+            grid=Grid(intervals=self.intervals),
+            envelope=self.envelopes,
+            time_limit_s=options.limit(POSTURE_LIMIT_S),
+            acceptance=options.acceptance,
+            programs=options.programs,
+        )
+
+    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
+        """Make the planner of courses."""
+        from ..relaxation.micp import Grid
+        from .micp import MicpPlanner
+
+        return MicpPlanner(
+            solver=self.solver,
+            grid=Grid(intervals=self.intervals, envelope_use=self.envelope_use),
+            envelope=self.envelopes,
+            gap=self.gap,
+            projection=self.projection,
+            time_limit_s=options.limit(COURSE_LIMIT_S),
+            acceptance=options.acceptance,
+            programs=options.programs,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nlp:
+    """The nonlinear program as it is, solved by IPOPT.
+
+    Source:
+        Paper E §IV, the baseline NLP.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> stancekit.solve(problem, stancekit.Nlp()).status.value
+        'feasible'
+    """
+
+    name: ClassVar[str] = "nlp"
+
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner of postures."""
+        from .nlp import NlpPlanner
+
+        limit_s = options.limit(POSTURE_LIMIT_S)
+        return NlpPlanner(acceptance=options.acceptance, time_limit_s=limit_s, programs=options.programs)
+
+    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
+        """Make the planner of courses."""
+        from .nlp import NlpPlanner
+
+        limit_s = options.limit(COURSE_LIMIT_S)
+        return NlpPlanner(time_limit_s=limit_s, acceptance=options.acceptance, programs=options.programs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decoupled:
+    """Positions first and forces after, for courses: a baseline that fails on ice; done long before any time limit.
+
+    Source:
+        Paper E §IV-B, the decoupled baseline.
+    Example:
+        >>> import stancekit
+        >>> stancekit.plan("stairs", stancekit.Decoupled(), frames=3).status.value
+        'feasible'
+    """
+
+    name: ClassVar[str] = "decoupled"
+
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Raise InvalidInput."""
+        raise InvalidInput("method: expected one for postures, got decoupled, which plans courses")
+
+    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
+        """Make the planner of courses."""
+        from .decoupled import DecoupledPlanner
+
+        return DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
+
+
+def p1(
+    *,
+    envelopes: EnvelopeSet | None = None,
+    relaxation: str = "p1",
+    projection: Projection | None = None,
+) -> TwoStage:
+    """P1 over envelopes without P2, unless a projection is named; what the text "p1" stands for."""
+    return TwoStage(relaxation=relaxation, envelopes=envelopes, projection=projection)
+
+
+def lift(*, projection: Projection | None = None) -> TwoStage:
+    """The lift without P2, unless a projection is named; what the text "lift" stands for."""
+    return TwoStage(relaxation="lift", projection=projection)
+
+
+def _boxes(envelopes: EnvelopeSet | Modes | None) -> EnvelopeSet | None:
+    """The envelopes of postures. Raises InvalidInput for modes, between which only courses can switch."""
     from ..relaxation.modes import Modes
-    from .micp import MicpPlanner
 
-    if isinstance(options.envelopes, Modes):
-        raise InvalidInput("envelopes: expected one envelope for micp, got modes")
-    return MicpPlanner(
-        solver=options.solver, grid=Grid(intervals=options.intervals, envelope_use=options.envelope_use),
-        envelope=options.envelopes, gap=options.gap, projection=options.projection or "scp",
-        time_limit_s=options.limit(COURSE_LIMIT_S), acceptance=options.acceptance, programs=options.programs,
-    )  # fmt: skip
+    if isinstance(envelopes, Modes):
+        raise InvalidInput("envelopes: expected envelopes, got modes, which are for courses")
+    return envelopes
 
 
-def _course_nlp(options: PlannerOptions) -> CoursePlanner:
-    from .nlp import NlpPlanner
-
-    limit_s = options.limit(COURSE_LIMIT_S)
-    return NlpPlanner(time_limit_s=limit_s, acceptance=options.acceptance, programs=options.programs)
-
-
-def _course_decoupled(options: PlannerOptions) -> CoursePlanner:
-    from .decoupled import DecoupledPlanner
-
-    return DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
-
-
-def _course_exact(options: PlannerOptions) -> CoursePlanner:
-    from .exact import ExactCoursePlanner
-
-    return ExactCoursePlanner(
-        gap=1e-3 if options.gap is None else options.gap, time_limit_s=options.limit(COURSE_LIMIT_S),
-        acceptance=options.acceptance, programs=options.programs,
-    )  # fmt: skip
-
-
-EVERY_OPTION = tuple(option.name for option in fields(PlannerOptions))
-METHODS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+Make = Callable[..., Any]
+OWN: Mapping[str, Make] = MappingProxyType(
     {
-        "exact": ("time_limit_s",),
-        "p1": ("envelopes", "projection"),
-        "lift": ("projection",),
-        "two-stage": ("envelopes", "projection"),
-        "nlp": ("time_limit_s",),
-        "micp": ("envelopes", "solver", "intervals", "time_limit_s"),
+        "exact": Exact,
+        "p1": p1,
+        "lift": lift,
+        "two-stage": TwoStage,
+        "nlp": Nlp,
+        "micp": Micp,
+        "decoupled": Decoupled,
     }
 )
-"""The planners of postures that are the package's own, and the options that each takes beside ``COMMON``."""
-COURSE_METHODS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "two-stage": ("envelopes", "relaxation", "projection", "time_limit_s"),
-        "micp": ("envelopes", "projection", "solver", "intervals", "envelope_use", "gap", "time_limit_s"),
-        "nlp": ("time_limit_s",),
-        "decoupled": ("time_limit_s",),  # ends long before any: a handful of convex programs
-        "exact": ("gap", "time_limit_s"),
-    }
+METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")
+"""The names of the package's own methods for postures."""
+COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
+"""The names of those for courses."""
+COURSE_ALONE = ("reserve", "envelope_use", "gap")
+"""Settings that concern courses alone; of ``Micp`` also its projection."""
+
+
+def _is_own(it: object) -> bool:
+    """Whether it is one of the package's methods; what compares in a way of its own is asked nothing."""
+    return any(it is one for one in OWN.values())
+
+
+def _accepted(it: Any) -> bool:
+    return _is_own(it) or takes(it, 1)
+
+
+PLANNERS: Registry[Make] = Registry(
+    "method",
+    "stancekit.planners",
+    {name: OWN[name] for name in METHODS},
+    expected="something to call with PlannerOptions",
+    accepts=_accepted,
 )
-"""And those of courses."""
-PLANNERS: Registry[Callable[[PlannerOptions], Planner]] = Registry(
-    "method", "stancekit.planners", {name: f"{__name__}:_{name.replace('-', '_')}" for name in METHODS},
-    expected="something to call with PlannerOptions", accepts=lambda it: takes(it, 1),
-)  # fmt: skip
 """All planners of postures: called with ``PlannerOptions``, a class or function gives something with ``solve``."""
-COURSE_PLANNERS: Registry[Callable[[PlannerOptions], CoursePlanner]] = Registry(
-    "planner", "stancekit.course_planners",
-    {name: f"{__name__}:_course_{name.replace('-', '_')}" for name in COURSE_METHODS},
-    expected="something to call with PlannerOptions", accepts=lambda it: takes(it, 1),
-)  # fmt: skip
+COURSE_PLANNERS: Registry[Make] = Registry(
+    "planner",
+    "stancekit.course_planners",
+    {name: OWN[name] for name in COURSE_METHODS},
+    expected="something to call with PlannerOptions",
+    accepts=_accepted,
+)
 """All planners of courses, likewise."""
 
 
-def make_planner(method: str, options: PlannerOptions = PlannerOptions()) -> Planner:
-    """Make a planner of postures. ``two-stage`` uses the envelopes, or the lift without; ``p1`` needs envelopes.
+def settings_of(name: str, planners: Registry[Make] = PLANNERS) -> tuple[str, ...]:
+    """The names of the settings that a method takes; of one from elsewhere all that there are.
 
-    method: a name of ``PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
-    options: its projection is P2 after ``two-stage`` (SCP where None), ``p1`` or ``lift`` (none where None).
-    Raises InvalidInput for an unknown method, an option that it does not take, an envelope that is missing, or a solver
+    planners: ``PLANNERS`` or ``COURSE_PLANNERS``.
+    """
+    make = planners.get(name)
+    if not _is_own(make):
+        return tuple(SETTINGS)
+    taken = tuple(inspect.signature(make).parameters)
+    if planners is COURSE_PLANNERS:
+        return taken
+    postures = tuple(one for one in taken if one not in COURSE_ALONE)
+    return tuple(one for one in postures if make is not Micp or one != "projection")
+
+
+def make_planner(method: str | Method, options: PlannerOptions = PlannerOptions(), **settings: Any) -> Planner:
+    """Make a planner of postures.
+
+    method: a value with its settings; or the text that stands for one, a name of ``PLANNERS`` or "FILE.py:NAME", with
+    ``settings``. What is not the package's own answers through the verifier.
+    Raises InvalidInput for an unknown method, a setting that it does not take, an envelope that is missing, or a solver
     that is not installed.
     """
+    if not isinstance(method, str):
+        return _checked(method, settings).planner(options)
     make = PLANNERS.get(method)
     if _is_own(make):
-        options.check_used(method, METHODS.get(method, EVERY_OPTION))
-        return make(options)
+        return _value(make, method, settings, settings_of(method)).planner(options)
     from .verified import VerifiedPlanner
 
     with foreign(f"method {method}"):
-        planner = make(_copied(options, POSTURE_LIMIT_S))
+        planner = make(_copied(options, POSTURE_LIMIT_S, settings))
     return VerifiedPlanner(planner, method, options.acceptance)
 
 
-def make_course_planner(name: str, options: PlannerOptions = PlannerOptions()) -> CoursePlanner:
-    """Make a planner of courses.
-
-    name: of ``COURSE_PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
-    options: its relaxation is P1 of ``two-stage``, where None "envelope" with envelopes and "lift" without. envelopes:
-    of "envelope" and, one box, of ``micp``; ``Modes`` make ``two-stage`` switch between them.
-    Raises InvalidInput for an unknown name, envelopes that are missing or have no use, or a solver that is not
-    installed.
-    """
-    make, relaxation, envelopes = COURSE_PLANNERS.get(name), options.relaxation, options.envelopes
+def make_course_planner(
+    method: str | Method, options: PlannerOptions = PlannerOptions(), **settings: Any
+) -> CoursePlanner:
+    """Make a planner of courses, likewise; names are those of ``COURSE_PLANNERS``."""
+    if not isinstance(method, str):
+        return _checked(method, settings).course_planner(options)
+    make = COURSE_PLANNERS.get(method)
     if _is_own(make):
-        options.check_used(name, COURSE_METHODS.get(name, EVERY_OPTION))
-    if relaxation == "lift" and envelopes is not None:
-        raise InvalidInput("envelopes: expected none for the lift, which has no use for them")
-    if relaxation == "envelope" and envelopes is None:
-        raise InvalidInput("envelopes: expected an envelope or modes for the relaxation envelope, got none")
-    if _is_own(make):
-        return make(options)
+        taken = settings_of(method, COURSE_PLANNERS)
+        return _value(make, method, settings, taken).course_planner(options)
     from .verified import VerifiedCoursePlanner
 
     whole_s = options.limit(COURSE_LIMIT_S)
 
     def remake(limit_s: float) -> CoursePlanner:
-        return make(_copied(replace(options, time_limit_s=min(limit_s, whole_s)), whole_s))
+        limited = replace(options, time_limit_s=min(limit_s, whole_s))
+        return make(_copied(limited, whole_s, settings))  # type: ignore[no-any-return]
 
-    with foreign(f"planner {name}"):
+    with foreign(f"planner {method}"):
         planner = remake(whole_s)
-    return VerifiedCoursePlanner(planner, name, options.acceptance, remake)
+    return VerifiedCoursePlanner(planner, method, options.acceptance, remake)
 
 
 def through_verifier(planner: Planner) -> Planner:
@@ -297,6 +508,25 @@ def course_through_verifier(planner: CoursePlanner) -> CoursePlanner:
     return VerifiedCoursePlanner(planner, _called(planner), Acceptance())
 
 
+def _value(make: Make, name: str, settings: Mapping[str, Any], taken: tuple[str, ...]) -> Method:
+    """The method of a text. Raises InvalidInput for a setting that it does not take."""
+    for setting, value in settings.items():
+        if setting not in taken and not (setting in SETTINGS and value == SETTINGS[setting]):
+            came = shown(value) if isinstance(value, str | int | float) else type(value).__name__
+            raise InvalidInput(f"{setting}: expected none for {name}, which has no use for it, got {came}")
+    found: Method = make(**{name: value for name, value in settings.items() if name in taken})
+    return found
+
+
+def _checked(method: Method, settings: Mapping[str, Any]) -> Method:
+    """A method that is a value, which has its settings already. Raises InvalidInput for others beside them."""
+    if not isinstance(method, Method):
+        raise InvalidInput(f"method: expected a name, or a method like TwoStage(), got {shown(method)}")
+    if settings:
+        raise InvalidInput(f"{next(iter(settings))}: expected none beside {method}, which has its settings")
+    return method
+
+
 def _is_of_the_package(planner: object) -> bool:
     return type(planner).__module__.startswith("stancekit.")
 
@@ -305,11 +535,11 @@ def _called(planner: object) -> str:
     return str(getattr(planner, "name", type(planner).__name__))
 
 
-def _copied(options: PlannerOptions, limit_s: float) -> PlannerOptions:
+def _copied(options: PlannerOptions, limit_s: float, settings: Mapping[str, Any]) -> PlannerOptions:
     """Options for a planner from elsewhere, which may write to what it is given; with a time limit always."""
-    return replace(options, acceptance=replace(options.acceptance), time_limit_s=options.limit(limit_s))
-
-
-def _is_own(make: Callable[[PlannerOptions], object]) -> bool:
-    """Whether a planner is the package's, whose answers are verified already; a name may have been taken over."""
-    return any(make is thing for thing in globals().values())
+    return replace(
+        options,
+        acceptance=replace(options.acceptance),
+        time_limit_s=options.limit(limit_s),
+        settings=dict(settings),
+    )

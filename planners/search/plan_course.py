@@ -49,8 +49,10 @@ def plan_course(
 
     question: the course, or a function that lays it out; a function may choose other candidates for a proof, which is
     then one about all that the robot may reach, while a course is answered with the candidates that it has.
-    planner: of contacts and forces. shares: of the friction, see ``plan_with_reserve``; None for 0.8, 0.9 and 1 with
-    the two-stage planner, and all of it with others. presses: likewise; None for the usual ones with a reserve.
+    planner: of contacts and forces.
+    shares: of the friction, see ``plan_with_reserve``; None for 0.8, 0.9 and 1 where the planner has a true
+    ``reserve``, as two-stage planners have, and all of it with others.
+    presses: likewise; None for the usual ones with a reserve.
     limits: of joints and bodies, to which the plan is bent, and then judged with all of the whole body; None leaves it
     at contacts. start_rad: joints of a robot that stands already, as for ``plan_angles``, shape (J,).
     deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
@@ -60,7 +62,7 @@ def plan_course(
     """
     course = question("inner") if callable(question) else question
     if shares is None:
-        shares = SHARES if planner.name == "two-stage" else ALL_FRICTION
+        shares = SHARES if getattr(planner, "reserve", False) else ALL_FRICTION
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
     search_end = deadline

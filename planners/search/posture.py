@@ -12,15 +12,17 @@ from ..equilibrium.scaled import Point, Scaled
 from ..problem import PostureProblem
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.envelope import EnvelopeSet
-from ..relaxation.lift import LiftAnswer, solve_lift
-from ..relaxation.mccormick import McCormick
+from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
 from ..relaxation.relaxed import RelaxationAnswer
+from ..relaxation.table import RELAXATIONS
 from .answer import Acceptance, Claim
 from .cuts import LEAF
 
 
 class TwoStagePlanner:
-    """P1 over learned envelopes, or over the lift where ``envelopes`` is None; then P2, unless ``projection`` is None.
+    """P1 over learned envelopes, or the lift where ``envelopes`` is None; then P2, unless ``projection`` is None.
+
+    relaxation: which P1 over envelopes, a name of ``RELAXATIONS``.
 
     A relaxation that is infeasible proves something only where it relaxes the whole problem: the lift's answer comes
     with a certificate, an envelope's is reported as its margin and the problem stays undecided. Without a projection
@@ -31,12 +33,14 @@ class TwoStagePlanner:
         self,
         *,
         envelopes: EnvelopeSet | None = None,
+        relaxation: str = "p1",
         projection: Projection | None = "scp",
         acceptance: Acceptance = Acceptance(),
         programs: Programs | None = None,
     ) -> None:
         if projection is not None:
             PROJECTIONS.get(projection)
+        self._relaxation = RELAXATIONS.get(relaxation)
         self.envelopes = envelopes
         self.projection = projection
         self.acceptance = acceptance
@@ -70,7 +74,7 @@ class TwoStagePlanner:
 
     def _relax(self, scaled: Scaled) -> RelaxationAnswer:
         assert self.envelopes is not None
-        return self._programs.get(McCormick, scaled.layout).solve_any(scaled, self.envelopes.envelopes)
+        return self._relaxation.answers(self._programs, [scaled], [self.envelopes.envelopes], [])[0]
 
     def _refuse(
         self,
@@ -89,13 +93,6 @@ class TwoStagePlanner:
         message = "" if certificate else "the relaxation is infeasible; over a learned box that is no proof"
         claim = Claim[Posture](certificate=certificate, word="infeasible", message=message, details=details)
         return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=solves)
-
-
-def as_relaxation(lift: LiftAnswer) -> RelaxationAnswer:
-    """The lift of a posture in P1's words: its margin is the moment residual."""
-    if not lift.solved:
-        return RelaxationAnswer(margin=float("nan"))
-    return RelaxationAnswer(margin=lift.bound, relaxed=None if np.isinf(lift.bound) else lift)
 
 
 def _posture(scaled: Scaled, point: Point) -> Posture | None:

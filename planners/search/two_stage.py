@@ -48,6 +48,7 @@ class TwoStageCoursePlanner(TimeLimited):
         self,
         *,
         projection: Projection = "scp",
+        reserve: bool = True,
         acceptance: Acceptance = Acceptance(),
         gap: float | None = None,
         max_nodes: int = 2000,
@@ -58,7 +59,7 @@ class TwoStageCoursePlanner(TimeLimited):
     ) -> None:
         PROJECTIONS.get(projection)
         self.projection: Projection = projection
-        self.acceptance = acceptance
+        self.acceptance, self.reserve = acceptance, reserve
         self.gap = None if gap is None else checked(gap, "gap", above=0.0)
         self.max_nodes = max_nodes
         self.time_limit_s = time_limit_s

@@ -33,6 +33,12 @@ class FootholdLimits:
         noise_m: deviation of the heights of a map by its sensor, allowed for beside the roughness [m].
     Raises:
         InvalidInput: for a value out of range.
+    Source:
+        None: what a foot needs.
+    Example:
+        >>> from stancekit import FootholdLimits
+        >>> FootholdLimits(slope_rad=0.4).margin_m
+        0.02
     """
 
     slope_rad: float = SLOPE_RAD
@@ -47,6 +53,12 @@ class FootholdLimits:
         for name in ("clearance_m", "margin_m", "width_m", "noise_m"):
             checked(getattr(self, name), name, least=0.0, most=10.0)
         checked(self.roughness_m, "roughness_m", above=0.0, most=1.0)
+
+    @classmethod
+    def for_foot(cls, radius_m: float, **others: float) -> FootholdLimits:
+        """The limits whose margin and least width are a foot's radius, or ``FOOT_M`` where that is 0."""
+        foot = radius_m or FOOT_M
+        return cls(**{"margin_m": foot, "width_m": foot, **others})
 
     @property
     def rms_m(self) -> float:
@@ -89,11 +101,22 @@ class TerrainPatch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Footholds:
-    """All of a terrain.
+    """The footholds of a terrain, as ``stancekit.terrain`` finds them.
 
-    pieces: what may be stood on; a place may be in several of one surface. area_m2: that they cover [m²].
-    refused_m2: the area of what else there is, by reason (``REASONS``) [m²]. surfaces: the whole terrain as patches,
-    for bodies to keep out of and for pictures. limits: that they are within. name: of the terrain.
+    Arguments:
+        name: of the terrain.
+        pieces: what may be stood on; a place may be in several pieces of one surface.
+        area_m2: that they cover [m²].
+        refused_m2: the area of what else there is, by reason (``REASONS``) [m²].
+        surfaces: the whole terrain as patches, for bodies to keep out of and for pictures.
+        limits: that they are within.
+    Source:
+        None: planar convex pieces with a margin.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.05)
+        >>> len(stancekit.terrain(level).pieces)
+        1
     """
 
     name: str

@@ -32,8 +32,20 @@ GAP = 1e-4
 class CertificateReport:
     """Whether a certificate refutes a posture problem or a course.
 
-    lower_bound: proved least moment residual (largest component over force scale times length scale), the worst leaf's;
-    inf where the leaf needs no moment balance. weakest: that leaf, −1 without one. leaves: how many were checked.
+    Arguments:
+        accepted: every leaf of its tree is refuted.
+        lower_bound: proved least moment residual (largest component over force scale times length scale), the worst
+            leaf's; inf where the leaf needs no moment balance.
+        leaves: how many were checked.
+        weakest: the leaf of the least bound, −1 without one.
+        message: the verdict in one line.
+    Source:
+        Lagrangian bounds of E1-E11 at every leaf.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("wall-3", rng=8)[0]
+        >>> stancekit.verify(problem, stancekit.solve(problem).certificate).accepted
+        True
     """
 
     accepted: bool

@@ -49,7 +49,19 @@ class Relaxation:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """Why a problem is infeasible: what each single parameter would have to become, the cheapest growth first."""
+    """Why a problem is infeasible, as ``explain`` says it.
+
+    Arguments:
+        relaxations: what each single parameter would have to become, the cheapest growth first.
+        message: the first of them in one line.
+    Source:
+        Lagrangian bounds of E1-E11.
+    Example:
+        >>> import stancekit
+        >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
+        >>> stancekit.explain(outcome).relaxations[0].leg
+        'RR'
+    """
 
     relaxations: tuple[Relaxation, ...]
     message: str

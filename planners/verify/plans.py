@@ -26,6 +26,7 @@ from ..answer.report import NOT_ASKED, PLAN_GROUPS, WHOLE_BODY, GroupViolation, 
 from ..files.arrays import Array
 from ..terrain.patch import Patch
 from .defects import plan_defect
+from .further_groups import further_groups
 from .geometry import contact_frames, cross, exact_and_linear, length, patch_distances
 from .ground import off_terrain
 from .half_spaces import beyond, bowed, reach_rows, relative_rows
@@ -108,7 +109,7 @@ class _Sweep:
         self._stands()
         self._steps()
         bent, exact_m = self._linearisation()
-        found = tuple(self._found.values())
+        found = (*self._found.values(), *further_groups(self._plan))
         worst = max(group.worst for group in found)
         return Report(
             accepted=worst <= tolerance and all(group["verdict"] != "failed" for group in groups.values()), worst=worst,

@@ -62,10 +62,24 @@ class GroupViolation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitReport:
-    """What the verifier says of one trajectory.
+    """The verifier's word on one walk.
 
-    figures: further measurements, none of them judged: peak acceleration and balances in units of g and m·g, the
-    friction that the standing feet need and the share of their samples outside their cones.
+    Arguments:
+        accepted: no group that was checked is violated beyond its limit.
+        groups: the violation of each group of constraints, its unit, and where it is worst.
+        limits: what each group may come to.
+        trajectory: what was judged.
+        figures: further measurements, none of them judged: peak acceleration and balances in units of g and m·g, the
+            friction that the standing feet need and the share of their samples outside their cones.
+        defect: why the walk could not be checked at all; empty when it could.
+    Source:
+        W2-W7, between the knots, too.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+        >>> found = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled")
+        >>> stancekit.verify(found.trajectory).accepted
+        True
     """
 
     accepted: bool

@@ -90,6 +90,7 @@ class SelectorPlanner:
     """
 
     name = "two-stage"
+    reserve = True
 
     def __init__(self, selector: Predictor, learned: EnvelopeSet, *, programs: Programs | None = None) -> None:
         self._selector, self._learned, self._programs = selector, learned, programs or Programs()
@@ -209,6 +210,7 @@ class EnvelopeOrLift:
     """
 
     name = "two-stage"
+    reserve = True
 
     def __init__(self, within: EnvelopeCoursePlanner | None, lift: TwoStageCoursePlanner) -> None:
         self.within, self.lift = within, lift

@@ -13,10 +13,31 @@ from .friction import FrictionInterval
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopReport:
-    """How it went. plans: made and run; replans: of these, because of a deviation. frames: key frames reached, of all
-    but the first. friction: as feet felt it; planned_share: of the course's that the last plan counts on. surfaces:
-    what feet found otherwise than planned, empty for nothing. com_final_m: from the last plan's end. seconds: of
-    motion."""
+    """How the run of a policy went.
+
+    Arguments:
+        succeeded: to its end, with the centre of mass where it should be.
+        message: why not.
+        ended: how the robot was left.
+        plans: made and run.
+        replans: of these, because of a deviation.
+        frames: key frames reached, of all but the first.
+        friction: as feet felt it.
+        planned_share: of the course's friction, that the last plan counts on.
+        surfaces: what feet found otherwise than planned, empty for nothing.
+        com_final_m: distance of the centre of mass from the last plan's end [m].
+        deviation_m: farthest that body or feet were off the plan [m].
+        seconds: of motion [s].
+        plan_s: spent on planning [s].
+        wall_s: by the clock [s].
+    Source:
+        Paper E §V.
+    Example:
+        >>> import stancekit
+        >>> report = stancekit.run("walls", policy="lift")  # doctest: +SKIP
+        >>> stancekit.LoopReport.__name__
+        'LoopReport'
+    """
 
     succeeded: bool
     message: str

@@ -14,14 +14,11 @@ from typing import NoReturn, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
 from stancekit.planners.robot.legged import legged_model
 
-from ..acceptance import proven
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.contract import check_state, check_world
 from ..worlds.drives import Drives
@@ -173,14 +170,11 @@ class SafeWorld:
         """What the world knows of its e-stop since it was armed; empty where it has none."""
         return self.world.evidence if isinstance(self.world, _Evident) else ""
 
-    def arm(self, content: Plan | Trajectory, digest: str) -> None:
+    def arm(self) -> None:
         """Let something real move: its torque is switched on at the pose where it is. Nothing to do for others.
 
-        content: what is going to move it; digest: of the verdict on it. Raises InvalidInput unless the verifier accepts
-        it now, as the digest says, whatever object it comes in; Stopped, HardwareFault, after which no torque is on
-        that was off before.
+        Raises Stopped, HardwareFault, after which no torque is on that was off before.
         """
-        proven(content, digest, "arming")
         self._ask()
         if isinstance(self._to, Actuator):
             self.watchdog.guard()

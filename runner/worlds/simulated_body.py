@@ -6,6 +6,7 @@ Inertias, limits and the tree of links are the file's own. Joints of no leg (arm
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from itertools import combinations
 from xml.etree import ElementTree
@@ -19,7 +20,6 @@ from stancekit.planners.robot.leg import Leg
 from stancekit.planners.robot.plausibility import body_doubts, link_inertia
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.shapes import Shape
-from stancekit.planners.robot.urdf_reader import parsed
 
 SPECK = 1e-6
 """Share of the robot's mass that a root without one gets: simulators take what weighs nothing for what never moves."""
@@ -62,7 +62,7 @@ def simulated_body(model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: 
     """
     if sliding := [joint.name for leg in model.legs for joint in leg.joints if joint.slides]:
         raise InvalidInput(f"robot {model.name}: expected joints that turn, got {sliding[0]}, which slides")
-    root = parsed(model.urdf, model.name)
+    root = deepcopy(model.tree)
     for unseen in ("visual", "transmission", "gazebo", "material"):
         for parent in list(root.iter()):
             for element in parent.findall(unseen):

@@ -8,8 +8,13 @@ import pytest
 
 import stancekit
 
-VERBS = ("draw", "evaluate", "explain", "fit", "label", "load", "plan", "sample", "save", "solve", "verify", "walk")
-BY_NAME = {("fit", "settings")}
+VERBS = (
+    "draw", "evaluate", "explain", "export", "film", "fit", "label", "load", "plan", "robot", "run", "sample", "save",
+    "simulate", "solve", "terrain", "verify", "walk",
+)  # fmt: skip
+BY_NAME = {
+    ("fit", "settings"), ("label", "old"), ("plan", "old"), ("solve", "old"), ("terrain", "meaning"), ("walk", "task"),
+}  # fmt: skip
 """Arguments that have names of their own, checked by who knows them."""
 
 
@@ -35,13 +40,17 @@ def fine() -> dict[str, dict[str, Any]]:
     """A good value of every required argument."""
     problem = stancekit.sample("wall-3", rng=8)[0]
     certificate = stancekit.solve(problem).certificate
+    level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+    walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").trajectory
     return {
         "sample": {"problems": "wall-3"}, "solve": {"problem": problem}, "plan": {"course": "stairs"},
         "walk": {"terrain": "ripple", "goal_xy_m": (1.0, 0.0)}, "verify": {"subject": problem},
         "explain": {"subject": problem, "certificate": certificate}, "draw": {"subject": problem},
         "label": {"problems": "wall-3", "folder": "data"}, "fit": {"dataset": "data"},
         "evaluate": {"selector": "e.json", "dataset": "data"}, "load": {"path": "a"},
-        "save": {"thing": problem, "path": "a.json"},
+        "save": {"thing": problem, "path": "a.json"}, "robot": {"source": "hexapod"}, "terrain": {"source": "ripple"},
+        "film": {"motion": walk, "out": "a.mp4"}, "export": {"dataset": "data", "folder": "minari"},
+        "simulate": {"motion": walk}, "run": {"motion": walk},
     }  # fmt: skip
 
 
@@ -75,7 +84,7 @@ def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, A
 @pytest.mark.parametrize(
     ("verb", "arguments", "options", "begins", "ends"),
     [
-        ("walk", ["ripple"], {}, "stancekit.walk: missing a required argument: 'goal_xy_m'; it takes ", ", total_s"),
+        ("walk", ["ripple"], {}, "stancekit.walk: missing a required argument: 'goal_xy_m'; it t", ", time_limit_s"),
         ("solve", [], {"p": 1}, "stancekit.solve: missing a required argument: 'problem'; it takes problem, ", ""),
         ("plan", ["walls"], {"friction": 1}, "stancekit.plan: got an unexpected keyword argument 'friction'; it t", ""),
     ],
@@ -119,7 +128,7 @@ def test_one_posture_problem_is_a_course_of_one_frame():
 
 def test_something_with_sample_is_labelled_by_the_name_of_its_class(tmp_path):
     one, two = (
-        stancekit.label(Slippery(), tmp_path / f"{workers}", feasible=3, infeasible=3, workers=workers)
+        stancekit.label(Slippery(), tmp_path / f"{workers}", rows=(3, 3), workers=workers)
         for workers in (1, 2)
     )
     assert [p.to_json() for p in one.problems()] == [p.to_json() for p in two.problems()]

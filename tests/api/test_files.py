@@ -75,7 +75,7 @@ def test_a_walk_comes_back(tmp_path):
 def test_yaml_is_a_course_or_a_robot_and_a_folder_a_data_set(tmp_path):
     assert stancekit.load(config_path("courses/stairs.yaml"), stancekit.Course).name == "stairs"
     assert stancekit.load(config_path("robots/anymal.yaml"), GaitRobot).name == "anymal"
-    stancekit.label("wall-3", tmp_path / "set", feasible=2, infeasible=2)
+    stancekit.label("wall-3", tmp_path / "set", rows=(2, 2))
     rows = stancekit.load(tmp_path / "set", stancekit.Dataset)
     assert len(rows) == 4
     assert stancekit.verify(rows).accepted

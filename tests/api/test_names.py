@@ -14,7 +14,10 @@ import pytest
 import stancekit
 
 NAMES = sorted(name for name in dir(stancekit) if not name.startswith("_"))
-VERBS = ("draw", "evaluate", "explain", "fit", "label", "load", "plan", "sample", "save", "solve", "verify", "walk")
+VERBS = (
+    "draw", "evaluate", "explain", "export", "film", "fit", "label", "load", "plan", "robot", "run", "sample", "save",
+    "simulate", "solve", "terrain", "verify", "walk",
+)  # fmt: skip
 
 IMPORTED = """
 import json, sys

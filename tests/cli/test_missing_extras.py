@@ -96,7 +96,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plan = stancekit.plan("stairs", frames=2).plan
     assert plan is not None
     stancekit.save(plan, folder / "climb.json")
-    stancekit.label("wall-3", folder / "rows", feasible=1, infeasible=1)
+    stancekit.label("wall-3", folder / "rows", rows=(1, 1))
     joints = joint_names(plan.course.robot)
     nominal(joints, port="/dev/null").write(folder / "servos.yaml")
     names = "\n".join(f"  {name}: {{name: {name}}}" for name in joints)

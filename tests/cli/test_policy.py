@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from stancekit.cli.policy import read_policy
 from stancekit.cli.run_table import loop_table, unused
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
+from stancekit.motions import policy_of
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import write_boxes
 from stancekit.planners.problem.course_file import read_course
@@ -49,7 +49,7 @@ def write_selector(kind: str, path: Path, problem: str = "wall-3") -> None:
 def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(kind: str, tmp_path: Path) -> None:
     path = tmp_path / ("selector.json" if kind == "envelope" else "selector.safetensors")
     write_selector(kind, path)
-    policy = read_policy(str(path), COURSE)
+    policy = policy_of(str(path), COURSE)
     assert policy is not None
     assert policy.learned.legs == EXPERT.legs
     seen = Observation(window=COURSE, standing=None, state=None, friction_share=1.0, frame=0)
@@ -66,24 +66,24 @@ def test_boxes_that_are_for_p1_joined_with_the_lift_are_refused(tmp_path: Path) 
         legs=EXPERT.legs, force_scale_n=1.0, length_scale_m=1.0, relaxation="joint",
     ).save(tmp_path / "joint.safetensors")  # fmt: skip
     with pytest.raises(InvalidInput, match="selector: expected one of boxes for P1 alone, got one for P1 joint"):
-        read_policy(str(tmp_path / "joint.safetensors"), COURSE)
+        policy_of(str(tmp_path / "joint.safetensors"), COURSE)
 
 
 def test_the_lift_needs_no_selector() -> None:
-    assert read_policy("lift", COURSE) is None
+    assert policy_of("lift", COURSE) is None
 
 
 def test_selectors_that_do_not_fit_are_refused_with_their_file(tmp_path: Path) -> None:
     path = tmp_path / "five.json"
     write_boxes(path, expert_envelopes("wall", legs=("RF", "RM", "RR", "LF", "LR")))
     with pytest.raises(InvalidInput, match=r"five.json: policy: expected a selector for stances of walls, got one for"):
-        read_policy(str(path), COURSE)
+        policy_of(str(path), COURSE)
     with pytest.raises(InvalidInput, match=r"none.json: expected a file, found nothing there"):
-        read_policy(str(tmp_path / "none.json"), COURSE)
+        policy_of(str(tmp_path / "none.json"), COURSE)
     path = tmp_path / "strange.safetensors"
     write_selector("neural", path, problem="moon-3")
     with pytest.raises(InvalidInput, match=r"strange.safetensors: distribution: expected .*moon-3"):
-        read_policy(str(path), COURSE)
+        policy_of(str(path), COURSE)
 
 
 @pytest.mark.parametrize(("answers", "said"), [((0, 3), True), ((0, 0), True), ((1, 2), False)])

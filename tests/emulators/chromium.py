@@ -100,8 +100,13 @@ class Tab:
 
 
 @contextmanager
-def opened(address: str, profile: Path, size_px: tuple[int, int] = (800, 600), *, draws: bool = True) -> Iterator[Tab]:
-    """A tab that shows an address; the browser is gone when the block ends. draws: whether 3D scenes are drawn."""
+def opened(
+    address: str, profile: Path, size_px: tuple[int, int] = (800, 600), *, draws: bool = True, seldom: bool = True
+) -> Iterator[Tab]:
+    """A tab that shows an address; the browser is gone when the block ends.
+
+    draws: whether 3D scenes are drawn. seldom: four times a second at most, and what comes from the server as seldom.
+    """
     from websockets.sync.client import connect
 
     assert CHROMIUM is not None
@@ -115,7 +120,7 @@ def opened(address: str, profile: Path, size_px: tuple[int, int] = (800, 600), *
         with connect(tab["webSocketDebuggerUrl"], max_size=None, open_timeout=PATIENCE_S) as line:
             shown = Tab(line)
             shown.ask("Page.enable")
-            shown.ask("Page.addScriptToEvaluateOnNewDocument", source=SELDOM if draws else SELDOM + UNDRAWN)
+            shown.ask("Page.addScriptToEvaluateOnNewDocument", source=seldom * SELDOM + (not draws) * UNDRAWN)
             shown.ask("Page.navigate", url=address)
             yield shown
     finally:

@@ -170,7 +170,7 @@ def test_weights_and_settings_go_through_json_as_mappings():
 
 
 def test_what_label_takes_make_takes(tmp_path):
-    assert len(stancekit.label(Mine(), tmp_path / "rows", feasible=2, infeasible=2)) == 4
+    assert len(stancekit.label(Mine(), tmp_path / "rows", rows=(2, 2))) == 4
     for name in ("stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"):
         mine, ours = gym.make(name, problem=Mine()), gym.make(name, problem=GROUND_3)
         assert same(mine.reset(seed=0)[0], ours.reset(seed=0)[0])

@@ -12,10 +12,11 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 import stancekit.envs
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
+from stancekit.envs.reward import RewardWeights
 from stancekit.envs.sampling import SampledScenes
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.envs.selection_task import VERTICES, RewardWeights
+from stancekit.envs.selection_task import VERTICES
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet

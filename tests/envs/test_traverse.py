@@ -345,7 +345,7 @@ def networks(tmp_path_factory) -> dict[str, Any]:
     """Networks that have learned next to nothing, of the ground, of walls, and for P1 joined with the lift."""
     pytest.importorskip("torch")
     folder, found = tmp_path_factory.mktemp("networks"), dict[str, Any]()
-    rows = {name: stancekit.label(name, folder / name, feasible=6, infeasible=6) for name in ("ground-3", "wall-3")}
+    rows = {name: stancekit.label(name, folder / name, rows=(6, 6)) for name in ("ground-3", "wall-3")}
     for name, (kind, method) in {
         "ground": ("ground-3", "neural"), "wall": ("wall-3", "neural"), "joint": ("ground-3", "joint")
     }.items():  # fmt: skip

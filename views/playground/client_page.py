@@ -1,4 +1,5 @@
-"""The page that a browser gets: viser's client, with names for screen readers, and the verdict in sight on a phone."""
+"""The page that a browser gets: viser's client, with names for screen readers, words that can be read on light and on
+dark, and the verdict in sight on a phone."""
 
 from __future__ import annotations
 
@@ -7,6 +8,11 @@ from typing import Any
 
 ADDED = """
 <style>
+:root[data-mantine-color-scheme] { --mantine-color-dimmed: #5b6672 !important; }
+:root[data-mantine-color-scheme="dark"] { --mantine-color-dimmed: #a9b4c0 !important; }
+.mantine-Slider-markLabel, .mantine-Notification-description { color: var(--mantine-color-dimmed) !important; }
+[data-mantine-color-scheme="dark"] [data-dock-tab][aria-selected="true"] { color: #9db4f0 !important;
+  box-shadow: inset 0 -2px 0 0 #9db4f0 !important; }
 #stancekit-verdict { display: none; }
 @media (max-width: 700px) {
   #stancekit-verdict { display: block; position: fixed; z-index: 1000; left: 0; right: 0; top: 0; max-height: 34vh;

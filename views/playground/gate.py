@@ -2,7 +2,7 @@
 
 A browser lets every page of the web open a websocket to this machine. It says whose page it is (``Origin``), and by
 which name it found us (``Host``); both are looked at before a connection is made. What comes over one is looked at
-before viser keeps it.
+twice: its kinds of values before viser reads it, the values themselves before viser keeps them.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import logging
 import math
 import re
 import socket
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from typing import Any, get_type_hints
 
@@ -69,6 +69,7 @@ def guarded_server(host: str) -> Iterator[None]:
 
     def serve(*arguments: Any, **options: Any) -> Any:
         options["process_request"] = _guard(options["process_request"], names)
+        options["create_connection"] = _connection(websockets.ServerConnection)
         guarded.append(True)
         return made(*arguments, **options)
 
@@ -99,6 +100,51 @@ def _guard(pages: Callable[[Any, Any], Any], names: frozenset[str]) -> Callable[
     return process
 
 
+def _connection(plain: Any) -> Any:
+    """The kind of a connection whose messages are read by viser only where their values are of the right kinds."""
+
+    class Connection(plain):  # type: ignore[misc]
+        async def recv(self, *arguments: Any, **options: Any) -> Any:
+            while True:
+                raw = await super().recv(*arguments, **options)
+                fault = misfit(raw)
+                if not fault:
+                    return raw
+                log.warning("ignored: a page sent %s", fault)
+
+    return Connection
+
+
+def misfit(raw: Any) -> str:
+    """Which value of a message, as it came, is of another kind than viser expects; empty where none is.
+
+    What is no message at all is left to viser, which ends the connection. What has a tuple of a wrong length it takes,
+    with a warning.
+    """
+    msgspec = import_module("msgspec")
+    kinds = import_module("viser._messages").Message._subclass_from_type_string()
+    try:
+        values = msgspec.msgpack.decode(raw)
+        kind = kinds[values.pop("type")]
+    except (msgspec.DecodeError, AttributeError, KeyError, TypeError):
+        return ""
+    hints = _hints(kind)
+    for name in filter(hints.__contains__, values):
+        wanted = float if hints[name] is int else hints[name]  # a browser has one kind of numbers
+        try:
+            msgspec.convert(values[name], wanted)
+        except msgspec.ValidationError as error:
+            return f"{kind.__name__}: {name}: {_short(str(error))}"
+        except TypeError:  # a kind of value that msgspec does not know
+            pass
+    return ""
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
 @contextmanager
 def quiet() -> Iterator[None]:
     """Have nothing printed of tabs that go away, and one line of one that sends what is no message."""
@@ -111,12 +157,10 @@ def quiet() -> Iterator[None]:
         return False
 
     logger.addFilter(one_line)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=r"\[viser\].*does not match annotation", category=UserWarning)
-        try:
-            yield
-        finally:
-            logger.removeFilter(one_line)
+    try:
+        yield
+    finally:
+        logger.removeFilter(one_line)
 
 
 def guard_messages(server: Any) -> None:
@@ -145,18 +189,8 @@ def guard_messages(server: Any) -> None:
 
 def wrong(message: Any, server: Any) -> str:
     """What makes no sense in a message of a page; empty where all does."""
-    msgspec = import_module("msgspec")
-    for name, kind in get_type_hints(type(message)).items():
-        value = getattr(message, name, None)
-        if name.startswith("_") or not hasattr(message, name):
-            continue
-        try:
-            msgspec.convert(value, kind)
-        except msgspec.ValidationError as error:
-            return f"{name}: {_short(str(error))}"
-        except TypeError:  # a kind of value that msgspec does not know
-            pass
-        if not _finite(value):
+    for name, value in vars(message).items():
+        if not name.startswith("_") and not _finite(value):
             return f"{name}: expected finite numbers, got {_short(repr(value))}"
     if type(message).__name__ == "GuiUpdateMessage":
         return _wrong_update(message, server)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,12 +18,14 @@ from ..plans import GOAL, PlanView
 from ..robots import RobotShape, climber
 from ..scene import Body, Label, Path, Scene
 from ..shapes import Sphere, dashed
-from ..sheet import ACCENT, friction_colours
+from ..sheet import ACCENT, INK, friction_colours
 from ..terrain import surfaces
 
 STEP_M = 0.25
 AROUND_M = 0.75
 """Terrain is shown so far beyond the nominal path, at least."""
+WAY = "#73808d"
+"""Colour of what is in ink on paper: a page is white or nearly black."""
 
 
 class Pictures:
@@ -64,7 +67,7 @@ class Pictures:
 
     def found(self, view: PlanView) -> Scene:
         """The way of a plan, the tracks of its toes, and its robot at some key frames in thin lines."""
-        scene = view.way + view.tracks
+        scene = _between(view.way) + view.tracks
         for k in ghosts(view.plan, view.plan.course.frames - 1):
             ghost = view.ghost(view.motion.key(k))
             scene += Scene(paths=ghost.paths)
@@ -74,6 +77,13 @@ class Pictures:
         """The robot and its forces in their cones; and what they are called, in N."""
         names = Scene(labels=[each for each in view.names(moment).labels if each.name != "goal"])  # its grip has it
         return view.at(moment, limbs=limbs), names
+
+
+def _between(scene: Scene) -> Scene:
+    """The scene without ink."""
+    bodies = [replace(each, colour=WAY) if each.colour == INK else each for each in scene.bodies]
+    paths = [replace(each, colour=WAY) if each.colour == INK else each for each in scene.paths]
+    return replace(scene, bodies=bodies, paths=paths)
 
 
 def bounds_m(course: Course) -> Array:

@@ -66,9 +66,19 @@ class Caps:
 class GaitPlan:
     """A walk, or what kept it from being one.
 
-    attempts: with the best trajectory of each, accepted or not; feasible: the verifier's word on the first feasible
-    point of each, before the second phase, None for none; solves: every one in its order; failures: of attempts that
-    could not begin, e.g. for a terrain that no map fits; stopped: the caller asked it to end.
+    Arguments:
+        attempts: with the best trajectory of each, accepted or not.
+        feasible: the verifier's word on the first feasible point of each, before the second phase, None for none.
+        solves: every one in its order.
+        failures: of attempts that could not begin, for example for a terrain that no map fits.
+        stopped: the caller asked it to end.
+    Source:
+        Paper W §V.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+        >>> stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").message
+        'accepted as far as checked: ...'
     """
 
     attempts: tuple[Attempted, ...]

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.metadata import version
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -186,6 +187,24 @@ def test_nodes_that_the_head_still_counts_and_that_do_not_answer_are_no_processo
         clock[0] = 11.5
         with pytest.raises(ray_driver.Gone, match=r"^has no processor left$"):
             watch.processors()
+
+
+def test_that_a_cluster_is_gone_is_said_before_the_farewell(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = Pipe()
+    said = list[tuple[str, ...]]()
+
+    class DeafRay:
+        def shutdown(self) -> None:
+            said.append(ours.recv() if ours.poll() else ("nothing",))
+
+    def work(*_: object) -> None:
+        raise ray_driver.Gone("does not answer any more")
+
+    monkeypatch.setattr(ray_driver, "joined", lambda *_: DeafRay())
+    monkeypatch.setattr(ray_driver, "work", work)
+    ours.send({})
+    ray_driver.main(theirs, "10.0.0.1:1")
+    assert said == [("gone", "does not answer any more")]
 
 
 @pytest.mark.parametrize(

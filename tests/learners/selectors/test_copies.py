@@ -56,7 +56,7 @@ ALL = ["quantile", "heuristic", *SHORT, "own", "own by name", "shipped"]
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory) -> stancekit.Dataset:
-    return stancekit.label("ground-3", tmp_path_factory.mktemp("data") / "rows", feasible=6, infeasible=6)
+    return stancekit.label("ground-3", tmp_path_factory.mktemp("data") / "rows", rows=(6, 6))
 
 
 @pytest.fixture

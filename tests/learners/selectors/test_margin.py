@@ -10,8 +10,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import signed_margin
-from stancekit.planners.relaxation.mccormick import WithoutMoment
+from stancekit.planners.relaxation.mccormick import McCormick, WithoutMoment
 
 
 def some(name: str, count: int, *, with_margin: bool = True) -> list[Scaled]:
@@ -53,7 +52,7 @@ def test_a_batch_is_its_scenes_one_by_one_in_the_precision_of_the_boxes() -> Non
     assert found.dtype == torch.float64
     for k, problem in enumerate(problems):
         box = Envelope(low=low[k].numpy(), high=high[k].numpy())
-        assert float(found[k]) == signed_margin(programs, problem, box, "p1").margin
+        assert float(found[k]) == McCormick.margin(programs, problem, box).margin
     assert margins(low.float(), high.float(), problems).dtype == torch.float32
 
 

@@ -16,10 +16,10 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stancekit.envs.branching import LargestGap
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import EnvelopeRefinementEnv
+from stancekit.envs.reward import RewardWeights
 from stancekit.envs.sampling import SampledScenes
 from stancekit.envs.scenes import ListedScenes, PooledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.envs.selection_task import RewardWeights
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.data.quota import Quota
 from stancekit.learners.selectors.heuristic import heuristic_envelope

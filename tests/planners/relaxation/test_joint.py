@@ -9,9 +9,11 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import Joint, near_nominal, signed_margin
+from stancekit.planners.relaxation.joint import Joint, near_nominal
 from stancekit.planners.relaxation.least_gap import LeastGap
 from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.search.exact import ExactPlanner
 
 STEP = 1e-4
@@ -40,7 +42,7 @@ def test_a_box_that_holds_a_witness_admits_the_problem_by_either_objective(progr
         if point is None:
             continue
         around = Envelope(low=point - 0.02, high=point + 0.03)
-        assert signed_margin(programs, scaled, around, "joint").margin < 0.0
+        assert Joint.margin(programs, scaled, around).margin < 0.0
         answer = programs.get(Joint, scaled.layout).solve(scaled, around, point)
         assert answer.feasible
         assert answer.margin >= -1e-9
@@ -51,12 +53,12 @@ def test_a_box_that_holds_a_witness_admits_the_problem_by_either_objective(progr
 def test_no_margin_is_below_that_of_the_box_alone_and_what_the_lift_refutes_is_refuted(programs, problems, box):
     tighter = refuted = 0
     for scaled, _ in problems:
-        joint, alone = (signed_margin(programs, scaled, box, name).margin for name in ("joint", "p1"))
+        joint, alone = (RELAXATIONS.get(name).margin(programs, scaled, box).margin for name in ("joint", "p1"))
         assert joint >= alone - 1e-6
         tighter += joint > alone + 1e-3
         if not solve_lift(programs, scaled, least_moment=True).bound <= 1e-6:
             assert joint == np.inf
-            refuted += signed_margin(programs, scaled, box.widened(0.3), "p1").margin <= 0.0
+            refuted += McCormick.margin(programs, scaled, box.widened(0.3)).margin <= 0.0
     assert tighter >= 10
     assert refuted >= 1
 
@@ -65,7 +67,7 @@ def test_the_answer_is_priced_out_of_a_margin_wherever_there_is_none(programs, p
     signs = set()
     for scaled, _ in problems:
         answer = programs.get(Joint, scaled.layout).solve(scaled, box)
-        signed = signed_margin(programs, scaled, box, "joint")
+        signed = Joint.margin(programs, scaled, box)
         assert answer.feasible == signed.feasible
         assert answer.margin >= max(signed.margin, 0.0) - 1e-6
         signs.add(answer.feasible)
@@ -74,11 +76,11 @@ def test_the_answer_is_priced_out_of_a_margin_wherever_there_is_none(programs, p
 
 def test_the_gradient_is_that_of_central_differences_in_every_bound(programs, problems, box):
     scaled, bounds = next(problem for problem, point in problems if point is not None), box.to_vector()
-    answer = signed_margin(programs, scaled, box, "joint", gradient=True)
+    answer = Joint.margin(programs, scaled, box, gradient=True)
     gradient = np.concatenate([part.ravel() for part in answer.gradient])
 
     def margin(at):
-        return signed_margin(programs, scaled, Envelope.from_vector(at), "joint").margin
+        return Joint.margin(programs, scaled, Envelope.from_vector(at)).margin
 
     slopes = [(margin(bounds + e) - margin(bounds - e)) / (2 * STEP) for e in STEP * np.eye(len(bounds))]
     np.testing.assert_allclose(gradient, slopes, atol=1e-5)

@@ -8,7 +8,7 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner
+from stancekit.planners.search.methods import METHODS, make_planner
 from stancekit.planners.verify import check_certificate, check_posture
 
 
@@ -28,7 +28,7 @@ def whole(problems):
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_answers_with_evidence_and_never_against_the_exact_one(method, problems, whole):
     options = {"envelopes": whole} if method in ("p1", "two-stage") else {"intervals": 2} if method == "micp" else {}
-    planner = make_planner(method, PlannerOptions(**options))
+    planner = make_planner(method, **options)
     truth = [ExactPlanner().solve(problem).status for problem in problems]
     assert {Status.FEASIBLE, Status.INFEASIBLE} <= set(truth)
     for problem, status in zip(problems, truth, strict=True):

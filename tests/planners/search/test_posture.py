@@ -18,7 +18,7 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search import posture
 from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner
+from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner, settings_of
 from stancekit.planners.search.posture import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_posture
 
@@ -84,7 +84,7 @@ def test_scp_from_the_lift_decides_nearly_all(programs, truth):
 
 @pytest.mark.parametrize("method", ["p1", "two-stage"])
 def test_a_box_that_refuses_a_problem_proves_nothing(programs, truth, learned, method):
-    planner = make_planner(method, PlannerOptions(envelopes=boxed(learned, point_box(0.0)), programs=programs))
+    planner = make_planner(method, PlannerOptions(programs=programs), envelopes=boxed(learned, point_box(0.0)))
     refused = 0
     for problem, exact in truth[:30]:
         outcome = planner.solve(problem)
@@ -101,7 +101,7 @@ def test_a_box_that_refuses_a_problem_proves_nothing(programs, truth, learned, m
 
 
 def test_what_no_box_can_help_comes_with_the_lifts_certificate(programs, truth, learned):
-    planner = make_planner("p1", PlannerOptions(envelopes=learned, programs=programs))
+    planner = make_planner("p1", PlannerOptions(programs=programs), envelopes=learned)
     trivial = 0
     for problem, exact in truth:
         if exact.details["trivial"]:
@@ -129,8 +129,8 @@ def test_p1_alone_is_feasible_only_where_its_own_point_is_a_posture(programs, tr
     problem, exact = next((p, o) for p, o in truth if o.status is Status.FEASIBLE)
     point = Scaled.of(problem).point(exact.posture)
     small, large = Envelope(low=point, high=point), Envelope(low=point - 0.5, high=point + 0.1)
-    tight = make_planner("p1", PlannerOptions(envelopes=boxed(learned, small), programs=programs))
-    wide = make_planner("p1", PlannerOptions(envelopes=boxed(learned, large), programs=programs))
+    tight = make_planner("p1", PlannerOptions(programs=programs), envelopes=boxed(learned, small))
+    wide = make_planner("p1", PlannerOptions(programs=programs), envelopes=boxed(learned, large))
     outcome = tight.solve(problem)
     assert outcome.status is Status.FEASIBLE
     assert outcome.residual < 1e-6
@@ -170,7 +170,7 @@ def test_a_relaxation_that_was_not_solved_is_told(truth, learned, programs, monk
 
 def test_every_convex_solve_is_counted(programs, truth, learned):
     boxes = boxed(learned, *learned.envelopes, point_box(0.0))
-    planner = make_planner("p1", PlannerOptions(envelopes=boxes, programs=programs))
+    planner = make_planner("p1", PlannerOptions(programs=programs), envelopes=boxes)
     assert planner.solve(truth[0][0]).solves == 3
     trivial = next(problem for problem, exact in truth if exact.details["trivial"])
     assert planner.solve(trivial).solves == 4  # and the lift, for its certificate
@@ -238,19 +238,18 @@ def test_names_say_what_runs(learned):
 def test_planners_are_made_by_name(learned):
     names = {}
     for method in METHODS:
-        some = boxed(learned, learned.envelopes[0]) if "envelopes" in METHODS[method] else None
-        names[method] = make_planner(method, PlannerOptions(envelopes=some)).name
+        some = boxed(learned, learned.envelopes[0]) if "envelopes" in settings_of(method) else None
+        names[method] = make_planner(method, envelopes=some).name
     assert set(names) == {"exact", "p1", "lift", "two-stage", "nlp", "micp"}
     for method in ("exact", "p1", "lift", "two-stage", "nlp"):
         assert names[method] == method
-    assert make_planner("two-stage", PlannerOptions(projection="fix-f")).name == "lift+fix-f"
+    assert make_planner("two-stage", projection="fix-f").name == "lift+fix-f"
     assert refusal(make_planner, "magic") == (
         "method: expected one of exact, p1, lift, two-stage, nlp, micp, or FILE.py:NAME, got 'magic'"
     )
-    assert refusal(make_planner, "p1") == "envelope: expected an envelope file for the method p1, got none"
+    assert refusal(make_planner, "p1") == "envelopes: expected an envelope for the relaxation p1, got none"
     assert make_planner("exact", PlannerOptions(time_limit_s=0.5)).time_limit_s == 0.5
-    two = PlannerOptions(envelopes=learned)
-    assert refusal(make_planner, "micp", two) == "envelope: expected one envelope for micp, got 2"
+    assert refusal(make_planner, "micp", envelopes=learned) == "envelopes: expected one envelope for micp, got 2"
 
 
 def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):

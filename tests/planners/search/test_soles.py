@@ -411,11 +411,11 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
 
 
 def test_plans_with_soles_are_not_executed(climbed):
-    from stancekit.runner.acceptance import proven
+    from stancekit.runner.acceptance import Accepted
 
     plan = climbed[1].plan
     with pytest.raises(InvalidInput) as refused:
-        proven(plan, check_plan(plan).digest, "plan.json")
+        Accepted.verified(plan, "plan.json")
     assert str(refused.value) == (
         "plan.json: expected a plan that can be executed, this one cannot: its feet are soles, and only point feet are "
         "executed"

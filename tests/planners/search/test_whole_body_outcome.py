@@ -47,7 +47,7 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(pla
 
 def test_the_same_comes_of_the_library(planned: PlanOutcome) -> None:
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=12.0, share=0.8))
-    same = stancekit.plan("walls", frames=4, torque_nm=12.0, torque_share=0.8)
+    same = stancekit.plan("walls", frames=4, body=stancekit.WholeBodyLimits(torque_nm=12.0, share=0.8))
     assert outcome.plan is not None
     assert same.plan is not None
     np.testing.assert_array_equal(same.plan.com_m, outcome.plan.com_m)

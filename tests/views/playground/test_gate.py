@@ -6,11 +6,12 @@ import logging
 import math
 import socket
 import time
+import warnings
 
 import numpy as np
 import pytest
 
-from stancekit.views.playground.gate import FEW, may_connect, own_names
+from stancekit.views.playground.gate import FEW, may_connect, misfit, own_names
 from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.serving import served
 
@@ -89,7 +90,25 @@ def slide(page, value, name="value"):
     return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {name: value}}
 
 
+def camera(**other):
+    """Where a tab looks from; a browser's sizes need not be whole."""
+    seen = {"type": "ViewerCameraMessage", "wxyz": TURN, "position": [1, 2, 3.5], "fov": 0.7, "near": 0.1, "far": 9,
+            "image_height": 600.5, "image_width": 800, "look_at": [0, 0, 0], "up_direction": [0, 0, 1]}  # fmt: skip
+    return seen | other
+
+
+def test_messages_of_a_browser_fit():
+    encode = pytest.importorskip("msgspec").msgpack.encode
+    for message in (camera(), drag([0, 1, 2]), {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": [1]}}):
+        assert not misfit(encode(message))
+    fault = "ViewerCameraMessage: position: Expected `array` of length 3, got 2"
+    assert misfit(encode(camera(position=[1.0, 2.0]))) == fault
+    for rubbish in (b"", b"\xc1", "words", encode([1]), encode({"type": "None"}), encode({"type": []}), encode({})):
+        assert not misfit(rubbish)  # viser ends such a connection itself
+
+
 WRONG = {
+    "a camera without height": lambda page: camera(position=[1.0, 2.0]),
     "not a number": lambda page: drag([math.nan, 0.0, 0.0]),
     "without end": lambda page: drag([0.0, math.inf, 0.0]),
     "two numbers": lambda page: drag([1.0, 2.0]),
@@ -112,13 +131,15 @@ WRONG = {
 def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(page, name, caplog, capfd):
     msgspec = pytest.importorskip("msgspec")
     before = page.playground.session.number
-    with caplog.at_level(logging.WARNING), joined(page) as line:
+    with caplog.at_level(logging.WARNING), warnings.catch_warnings(record=True) as warned, joined(page) as line:
+        warnings.simplefilter("always")
         line.send(msgspec.msgpack.encode(WRONG[name](page)))
         wait_until(lambda: any(each.name.endswith("gate") for each in caplog.records))
         said = [each.getMessage() for each in caplog.records if each.levelno >= logging.WARNING]
     assert len(said) == 1, said
     assert said[0].startswith(("ignored: a page sent ", "ended: a page sent what is no message: "))
     assert "\n" not in said[0]
+    assert not [str(each.message) for each in warned]
     assert page.playground.session.number == before
     assert "Traceback" not in capfd.readouterr().err
 

@@ -7,12 +7,15 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.views.playground.answer import quick_answer
 from stancekit.views.playground.keys_scenario import KeysScenario
+from stancekit.views.playground.pictures import Pictures
 from stancekit.views.playground.serving import served
 from stancekit.views.scene import UP
 from tests.emulators.chromium import CHROMIUM, opened
@@ -158,6 +161,45 @@ def test_on_a_phone_the_verdict_is_in_sight_and_can_be_read(shown, scheme):
     finally:
         tab.ask("Emulation.clearDeviceMetricsOverride")
         tab.value("document.documentElement.setAttribute('data-mantine-color-scheme', 'light')")
+
+
+SPELT = """(() => {
+    const numbers = colour => colour.match(/[\\d.]+/g).map(Number);
+    const paper = each => {
+        for (; each; each = each.parentElement) {
+            const found = numbers(getComputedStyle(each).backgroundColor);
+            if (found.length < 4 || found[3] > 0.5) return found.slice(0, 3);
+        }
+        return [255, 255, 255];
+    };
+    const own = each => [...each.childNodes].some(part => part.nodeType == 3 && part.textContent.trim());
+    return [...document.querySelectorAll('body *')].filter(each => each.checkVisibility() && own(each))
+        .map(each => [each.textContent.trim(), numbers(getComputedStyle(each).color).slice(0, 3), paper(each)]);
+})()"""
+"""All words of the page, their colours, and those of what they are on."""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_word_of_the_panels_is_too_faint_to_be_read(shown, scheme):
+    _, tab = shown
+    tab.value(f"document.documentElement.setAttribute('data-mantine-color-scheme', '{scheme}')")
+    try:
+        words = tab.value(SPELT)
+        assert {"Plan", "key frames", "Scene"} <= {word for word, *_ in words}
+        assert not [(word, ink, paper) for word, ink, paper in words if contrast(ink, paper) < 4.5]
+    finally:
+        tab.value("document.documentElement.setAttribute('data-mantine-color-scheme', 'light')")
+
+
+def test_the_way_of_a_plan_is_seen_on_white_and_on_nearly_black():
+    scenario = KeysScenario.of("walls")
+    pictures = Pictures()
+    found = pictures.found(pictures.view(quick_answer(scenario).plan))
+    marks = [each for each in found.bodies if each.name.startswith("com ")]
+    assert len(marks) > 4
+    for each in (*marks, found.paths[0]):
+        ink = 255.0 * np.array(to_rgb(each.colour))
+        assert min(contrast(ink, [255.0] * 3), contrast(ink, [20.0] * 3)) > 3.0
 
 
 def colour_of(tab, element, name):

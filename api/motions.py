@@ -1,0 +1,230 @@
+"""Motions: plans and walks, executed in a simulation or run on a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from stancekit.envs.learned_selectors import class_envelopes
+from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.arguments import checked
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import read_json
+from stancekit.planners.formats.trajectory_file import is_trajectory
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.problem.course_json import FORMAT
+from stancekit.planners.search.friction_margin import slippery
+from stancekit.runner.acceptance import Accepted, AcceptedGait
+from stancekit.runner.control.closed_loop import ClosedLoop
+from stancekit.runner.control.envelope_choice import SelectorPolicy
+from stancekit.runner.control.loop_report import LoopReport
+from stancekit.runner.control.replanning import Policy
+from stancekit.runner.log import McapLog, NoLog
+from stancekit.runner.report import RunReport
+from stancekit.runner.run import Runner
+from stancekit.runner.safety.heartbeat import HeartbeatMonitor
+from stancekit.runner.settings import RunSettings
+from stancekit.runner.worlds import WORLDS, World, WorldSettings
+from stancekit.runner.worlds.ros.driver import RosWorld
+from stancekit.runner.worlds.settings import EstopCheck
+from stancekit.runner.worlds.world import Actuator, Terrain
+
+Progress = Callable[[int, int], None]
+Motion = Plan | Trajectory | Accepted | AcceptedGait
+"""What can be run; of the accepted ones nothing is judged again."""
+LIFT = "lift"
+
+
+@checked
+def simulate(
+    motion: Motion | str | Path,
+    world: str | World = "mujoco",
+    *,
+    settings: RunSettings = RunSettings(check_limits=False),
+    progress: Progress | None = None,
+) -> RunReport:
+    """Execute a plan or a walk in a simulated world, at the pace asked for, and compare it with what was planned.
+
+    Arguments:
+        motion: a plan of key frames, a walk, or the file of either.
+        world: "mujoco", "bullet", "FILE.py:NAME", or a simulated world that was made before.
+        settings: how it is run; its limits are not checked unless ``check_limits`` says so, to see what comes of it.
+        progress: called with key frames done, and all.
+    Returns:
+        A ``RunReport``; ``execution`` is planned against measured, None where the motion never began.
+    Raises:
+        InvalidInput: for a motion that the verifier rejects, a schedule that lifts all limbs at once, a world that is
+            no simulation, and without pinocchio.
+    Source:
+        Paper E §V, Fig. 6 (the execution); a position controller with gravity in its targets.
+    Example:
+        >>> import stancekit
+        >>> outcome = stancekit.plan("walls", frames=2)
+        >>> stancekit.simulate(outcome.plan).succeeded  # doctest: +SKIP
+        True
+    """
+    accepted = accepted_of(motion)
+    made = _world(world, accepted)
+    if made.kind != "simulation":
+        made.close()
+        called = world if isinstance(world, str) else made.name
+        raise InvalidInput(f"world: expected a simulation, got {called}, which is {made.kind}")
+    runner = Runner(made, settings=settings, progress=progress or _nothing)
+    return runner.run(accepted, _ground(accepted, settings))
+
+
+@checked
+def run(
+    motion: Motion | Course | str | Path,
+    world: str | World = "mujoco",
+    *,
+    setup: str | Path | None = None,
+    settings: RunSettings = RunSettings(),
+    arm: EstopCheck | None = None,
+    policy: str | Path | Policy | None = None,
+    log: str | Path | None = None,
+    progress: Progress | None = None,
+) -> RunReport | LoopReport:
+    """Run a plan, a walk or a policy on a world: a simulator, a log, servos on a bus, a robot behind a rosbridge.
+
+    Arguments:
+        motion: a plan of key frames, a walk, or the file of either; with ``policy`` also a course, by name or file.
+        world: "mujoco", "bullet", "replay", "dynamixel", "ros", "FILE.py:NAME", or a world that was made before.
+        setup: the file that a world is made from: the log of replay, the calibration of dynamixel, the set-up of ros.
+        settings: how it is run.
+        arm: None moves nothing real, and says what would have been sent. "heard" arms where the e-stop was heard or
+            somebody publishes it, "try" once it was pressed and released, "without" whatever is known of it.
+        policy: closes the loop: the coming key frames are planned by it, and anew where the robot is off its plan. A
+            trained selector's file or name, "lift" for the planner without one, or a function of an observation.
+        log: a file .mcap for everything that was sent and measured.
+        progress: called with key frames done, and all.
+    Returns:
+        A ``RunReport``, or a ``LoopReport`` of a policy: ``succeeded``, and ``message`` where not.
+    Raises:
+        InvalidInput: for what cannot be run, before anything moves. What stops it on the way is in the report.
+    Source:
+        Paper E §V.
+    Example:
+        >>> import stancekit
+        >>> stancekit.run("plan.json", "mujoco").succeeded  # doctest: +SKIP
+        True
+    """
+    asked = accepted_of(motion) if policy is None else led_by_policy(motion)
+    with ExitStack() as stack:
+        made = _world(world, asked, setup, arm)
+        stack.callback(made.close)
+        written = NoLog() if log is None else stack.enter_context(McapLog(Path(log)))
+        monitor = None
+        if arm is not None and isinstance(made, Actuator):
+            watched = made.setup if isinstance(made, RosWorld) else None
+            monitor = stack.enter_context(HeartbeatMonitor(settings.limits.silent_s, watched))
+        runner = Runner(
+            made,
+            settings=settings,
+            dry=arm is None,
+            log=written,
+            progress=progress or _nothing,
+            monitor=monitor,
+        )
+        if policy is None:
+            assert not isinstance(asked, Course)
+            return runner.run(asked, _ground(asked, settings))
+        assert not isinstance(asked, AcceptedGait)
+        walked = asked.plan.course if isinstance(asked, Accepted) else asked
+        planner = policy_of(policy, walked) if isinstance(policy, str | Path) else policy
+        first = asked if isinstance(asked, Accepted) else None
+        ground = slippery(walked, settings.friction_share).terrain
+        return ClosedLoop(walked, runner, planner, settings.loop).run(ground, first=first)
+
+
+def accepted_of(motion: Motion | Course | str | Path) -> Accepted | AcceptedGait:
+    """A motion that the verifier accepts, judged as it comes in. Raises InvalidInput for anything else."""
+    if isinstance(motion, Accepted | AcceptedGait):
+        return motion
+    if isinstance(motion, Plan):
+        return Accepted.verified(motion, motion.course.name)
+    if isinstance(motion, Trajectory):
+        return AcceptedGait.verified(motion, motion.terrain.name or "gait")
+    if isinstance(motion, Course):
+        raise InvalidInput(f"motion: expected a plan or a walk; the course {motion.name} is walked by a policy")
+    data = _json_of(motion)
+    if is_trajectory(data):
+        return AcceptedGait.from_file(motion)
+    if _is_course(motion, data):
+        raise InvalidInput(f"{motion}: expected a plan file; a course is walked with a policy, got none")
+    return Accepted.from_file(motion)
+
+
+def led_by_policy(motion: Motion | Course | str | Path) -> Accepted | Course:
+    """What a policy walks: a course, or a plan that it begins with. Raises InvalidInput for a walk."""
+    if isinstance(motion, Course):
+        return motion
+    if isinstance(motion, str | Path) and _is_course(motion, data := _json_of(motion)) and not is_trajectory(data):
+        return read_course(str(motion))
+    asked = accepted_of(motion)
+    if isinstance(asked, AcceptedGait):
+        raise InvalidInput("policy: expected key frames: a gait runs as planned, or not at all")
+    return asked
+
+
+def policy_of(name: str | Path, course: Course) -> SelectorPolicy | None:
+    """A selector as a policy for a course; None for the lift, which needs none.
+
+    name: "lift", a selector's file, or the name of one that ships.
+    Raises InvalidInput for a file that is missing or wrong, and for a selector that the course would never ask.
+    """
+    if name == LIFT:
+        return None
+    learned = load_selector(Path(name))
+    try:
+        policy = SelectorPolicy(learned.selector, class_envelopes(learned))
+        policy.check_fits(course)
+    except InvalidInput as error:
+        raise InvalidInput(f"{name}: {error}") from None
+    return policy
+
+
+def _json_of(path: str | Path) -> object:
+    return read_json(path) if Path(path).suffix == ".json" else None
+
+
+def _is_course(path: str | Path, data: object) -> bool:
+    spec = str(path) in builtin_courses() or Path(path).suffix in (".yaml", ".yml")
+    return spec or (isinstance(data, dict) and data.get("format") == FORMAT)
+
+
+def _ground(asked: Accepted | AcceptedGait, settings: RunSettings) -> Terrain:
+    """What the world has: the terrain with a share of the friction that is counted on."""
+    if isinstance(asked, AcceptedGait):
+        return asked.ground(settings.friction_share)
+    return slippery(asked.plan.course, settings.friction_share).terrain
+
+
+def _world(
+    world: str | World,
+    asked: Accepted | AcceptedGait | Course,
+    setup: str | Path | None = None,
+    arm: EstopCheck | None = None,
+) -> World:
+    """The world, made for whom the motion is for where it is a name."""
+    if not isinstance(world, str):
+        if setup is not None:
+            raise InvalidInput("setup: expected none with a world that was made before")
+        return world
+    made_for = asked.plan.course if isinstance(asked, Accepted) else asked
+    return WORLDS.get(world).make(
+        WorldSettings(
+            robot=made_for.robot,
+            gravity_m_s2=made_for.gravity_m_s2,
+            setup=None if setup is None else Path(setup),
+            estop=arm or "heard",
+        )
+    )
+
+
+def _nothing(done: int, total: int) -> None:
+    """Ignore progress."""

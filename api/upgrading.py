@@ -1,0 +1,25 @@
+"""What calls looked like before: old arguments are taken for one release, each with a warning that has the new form."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+
+def old_arguments(verb: str, old: Mapping[str, Any], new: Mapping[str, str], beside: tuple[str, ...]) -> dict[str, Any]:
+    """The old arguments of a call, after a ``DeprecationWarning`` about each.
+
+    verb: the function's name.
+    old: what it was called with beside its parameters.
+    new: by old argument the form that replaces it.
+    beside: its parameters, for the message.
+    Raises TypeError for an argument that never was one, as a call of any function does.
+    """
+    for name in old:
+        if name not in new:
+            raise TypeError(
+                f"stancekit.{verb}: got an unexpected keyword argument {name!r}; it takes {', '.join(beside)}"
+            )
+        warnings.warn(f"{verb}({name}=...) is old: {new[name]}", DeprecationWarning, stacklevel=4)
+    return dict(old)

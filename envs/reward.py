@@ -1,0 +1,102 @@
+"""What a step of the selection environments is worth: a sum of terms by name, each with a weight.
+
+A term of one's own is one function of a ``Judged`` and one registration: a line in the table, an entry point of
+``stancekit.reward_terms``, or ``weights={"mine.py:spread": 0.3}``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import check_numbers, checked
+from stancekit.planners.files.validation import typed
+from stancekit.planners.plugins import Registry, takes
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.relaxed import RelaxationAnswer
+
+from .scenes import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardWeights:
+    """What a step is worth: reward = agreement · [P1 says what the expert says] + projection · [the chosen projection
+    reaches a verified posture] + tightness · [1 − mean width of the box / width of the domain].
+    """
+
+    agreement: float = 1.0
+    projection: float = 0.5
+    tightness: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_numbers(self, finite=self.__dataclass_fields__)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judged:
+    """What terms are functions of: an action on one scene, judged.
+
+    Arguments:
+        scene: with the expert's label.
+        answer: of P1 over the chosen envelope.
+        envelope: the chosen one.
+        right: P1 says what the expert says.
+        reached: the first projection ends in a verified posture.
+    """
+
+    scene: Scene
+    answer: RelaxationAnswer
+    envelope: Envelope
+    right: bool
+    reached: bool
+
+
+def agreement(judged: Judged) -> float:
+    """1 where P1 says what the expert says."""
+    return float(judged.right)
+
+
+def projection(judged: Judged) -> float:
+    """1 where the first projection reaches a verified posture."""
+    return float(judged.reached)
+
+
+def tightness(judged: Judged) -> float:
+    """1 for a box without width, 0 for one as wide as the domain."""
+    return 1.0 - float((judged.envelope.high - judged.envelope.low).mean()) / 2.0
+
+
+Term = Callable[[Judged], float]
+TERMS: Registry[Term] = Registry(
+    "reward term",
+    "stancekit.reward_terms",
+    {name: f"{__name__}:{name}" for name in ("agreement", "projection", "tightness")},
+    expected="a function of a Judged",
+    accepts=lambda it: takes(it, 1),
+)
+"""All terms of the reward of the selection environments."""
+
+
+def weighted(weights: RewardWeights | Mapping[str, float]) -> dict[str, tuple[float, Term]]:
+    """Weight and function of every term, by the key of ``info`` that has what it came to.
+
+    weights: a mapping has some keys of ``RewardWeights``, whose others keep their defaults, and names of further terms.
+    Raises InvalidInput for a term that there is not, a weight that is no number, and two terms of one key.
+    """
+    given = asdict(weights) if isinstance(weights, RewardWeights) else dict(weights)
+    usual = {name: value for name, value in given.items() if name in RewardWeights.__dataclass_fields__}
+    every = asdict(typed(RewardWeights, usual, "weights")) | {
+        name: checked(value, f"weights.{name}") for name, value in given.items() if name not in usual
+    }
+    found: dict[str, tuple[float, Term]] = {}
+    for name, weight in every.items():
+        key = f"reward_{re.sub(r'[^0-9A-Za-z]+', '_', name.rpartition(':')[2])}"
+        if key in found:
+            raise InvalidInput(f"weights: expected terms of different names, got {key} twice")
+        try:
+            found[key] = weight, TERMS.get(name)
+        except InvalidInput as error:
+            raise InvalidInput(f"weights: {error}") from None
+    return found

@@ -1,0 +1,106 @@
+"""P1 with the friction cone times the bounds of the box, "coned": tighter than McCormick's envelope, in the same box.
+
+McCormick's rows multiply bounds of p by bounds of f. The friction cone ‖f_t‖ ≤ μ f_n (E10) is a bound of f, too, and
+times p_j − l_j ≥ 0 and h_j − p_j ≥ 0 it gives, with m_jk for p_j f_k,
+
+    ‖m_jt − l_j f_t‖ ≤ μ (m_jn − l_j f_n),    ‖h_j f_t − m_jt‖ ≤ μ (h_j f_n − m_jn),
+
+two second-order cones per axis j and contact. Both hold at every point of the box with m = p f, so that nothing that P
+admits is lost. The signed margin t widens them as it widens the envelope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from ..equilibrium.layout import Layout
+from ..equilibrium.rows import Reference
+from ..equilibrium.scaled import Scaled
+from ..equilibrium.terms import Given
+from ..files.arrays import Array
+from .boxed import Boxed
+from .envelope import Envelope
+from .margin_gradient import margin_gradient
+from .mccormick import Axes, McCormick
+from .relaxed import RelaxationAnswer
+
+BELOW, ABOVE = 0, 1
+"""Numbers of the cones with p_j − l_j and with h_j − p_j."""
+SIGNS = np.array([1.0, -1.0])[:, None, None, None]
+"""Of m in those cones, shape (2, 1, 1, 1)."""
+
+
+class Coned(McCormick):
+    """McCormick's P1 over one box, with the friction cones times the box's bounds of positions.
+
+    The rows are left out of contacts with several candidates, of boxes in world axes, and where a stance chooses among
+    boxes: forces have no one cone in the axes of the box there, or the box is not known yet.
+    """
+
+    own_rows: ClassVar[tuple[str, ...]] = ("box_cones",)
+
+    def __init__(self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1) -> None:
+        super().__init__(layout, axes, soft, boxes)
+        counts = np.bincount(layout.candidate_footholds, minlength=layout.footholds)
+        foothold = layout.contacts[2]
+        alone = counts[foothold] == 1 if axes == "contact" and boxes == 1 else counts[foothold] < 0
+        self._coned = np.flatnonzero(alone)
+        self._candidate = np.searchsorted(layout.candidate_footholds, foothold)[self._coned]
+        rows, shape = self.rows, (2, len(self._coned), 3, 3)  # side, contact, axis j, row of the cone
+        cone = rows.cones("box_cones", int(np.prod(shape[:3])), 3).reshape(shape)
+        moments = self._moments.reshape(-1, 3, 3)[self._coned]
+        forces = self._box_forces[self._coned][:, None, :]
+        rows.put(cone, moments, lambda given: -SIGNS * self._sides(given.scaled))
+        rows.put(cone, forces, self._moved)
+        if soft:
+            rows.put(cone[..., 0], rows.columns["margin"], -1.0)
+
+    def reference(self, given: Boxed) -> Reference:
+        """The same in cvxpy."""
+        import cvxpy as cp
+
+        from ..equilibrium.model import Model
+
+        model = super().reference(given)
+        if not isinstance(model, Model) or not len(self._coned):
+            return model  # McCormick's alone
+        problem = cp.Problem(cp.Minimize(model.cost), list(model.terms.values()))
+        known = {one.name(): one for one in problem.variables()}
+        count = len(self._coned)
+        forces = known["box_forces" if "box_forces" in known else "forces"][self._coned]
+        products = cp.reshape(known["moments"][self._coned], (3 * count, 3), order="C")
+        each = np.kron(np.eye(count), np.ones((3, 1))) @ forces  # one row per contact and axis j
+        low, high = (end[self._coned].reshape(-1, 1) for end in given.boxes[0].position)
+        moved = cp.vstack([products - cp.multiply(low, each), cp.multiply(high, each) - products])
+        friction = np.tile(np.repeat(given.scaled.friction[self._candidate], 3), 2)
+        most = cp.multiply(friction, moved[:, 0]) + known.get("margin", np.zeros(1))[0]
+        return Model(model.cost, {**model.terms, "box_cones": cp.SOC(most, moved[:, 1:], axis=1)})
+
+    def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
+        """P1 over one box; the gradient has the part of the cones, too."""
+        given = Boxed(scaled, boxes=(box,))
+        solution = self.rows.solve(given)
+        answer = self._answer(solution, scaled)
+        if not gradient or answer.at is None:
+            return answer
+        force = answer.at[self._coned, None, 3:] * self._sides(scaled)
+        multipliers = solution.dual("box_cones").reshape(2, -1, 3, 3)
+        by_end = SIGNS[..., 0] * np.sum(multipliers * force, axis=3)
+        low, high = margin_gradient(solution, answer.at, box)
+        low[self._coned, :3] += by_end[BELOW]
+        high[self._coned, :3] += by_end[ABOVE]
+        return replace(answer, gradient=(low, high))
+
+    def _sides(self, scaled: Scaled) -> Array:
+        """Factors of (f_n, f_y, f_z) in a cone's rows: μ, 1, 1, shape (C, 1, 3)."""
+        friction = scaled.friction[self._candidate]
+        return np.stack([friction, np.ones_like(friction), np.ones_like(friction)], axis=-1)[:, None, :]
+
+    def _moved(self, given: Given) -> Array:
+        """What forces are multiplied by: l and −h of the contacts with cones, times the factors, (2, C, 3, 3)."""
+        assert isinstance(given, Boxed)
+        ends = np.stack(given.boxes[0].position)[:, self._coned, :, None]
+        return np.asarray(SIGNS * ends * self._sides(given.scaled))

@@ -1,0 +1,46 @@
+"""Further groups of the verifier: what else a plan has to keep, by a function each.
+
+A group is one function of a ``Plan`` that returns the largest violation and where it is, as a ``GroupViolation``, and
+one registration: ``FURTHER.register("name", function)`` in a running program, or an entry point of the group
+``stancekit.verifier_groups``. It can only refuse: what it finds counts beside the package's own groups, in the same
+tolerance. The file of a plan that was refused says so like that of any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+from ..answer.plan import Plan
+from ..answer.report import GroupViolation
+from ..errors import InvalidInput
+from ..files.validation import shown
+from ..plugins import Registry, foreign, takes
+
+Group = Callable[[Plan], GroupViolation]
+FURTHER: Registry[Group] = Registry(
+    "verifier group",
+    "stancekit.verifier_groups",
+    {},
+    expected="a function of a Plan",
+    accepts=lambda it: takes(it, 1),
+)
+"""The further groups by name; the package itself has none."""
+
+
+@cache
+def _of_packages() -> tuple[str, ...]:
+    """The names that other packages brought; what is installed does not change while a process runs."""
+    return FURTHER.names()
+
+
+def further_groups(plan: Plan) -> tuple[GroupViolation, ...]:
+    """The further groups of a plan. Raises InvalidInput for a function that returns something else."""
+    found = []
+    for name in dict.fromkeys((*_of_packages(), *FURTHER.registered())):
+        with foreign(f"verifier group {name}"):
+            group = FURTHER.get(name)(plan)
+        if not isinstance(group, GroupViolation):
+            raise InvalidInput(f"verifier group {name}: expected a GroupViolation, got {shown(group)}")
+        found.append(group)
+    return tuple(found)
