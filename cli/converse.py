@@ -10,6 +10,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
+LONGEST = 32
+"""A list of more is of no use to people: the joints of a robot are fewer."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -18,7 +20,8 @@ def converse(
 ) -> int:
     """Say where the device is, then take faults and tell its state, line by line, until somebody ends it; 0.
 
-    A background process of a terminal, which may not read from it, and one with nothing to read are ended by a signal.
+    On a terminal a state is short. A background process of a terminal, which may not read from it, and one with nothing
+    to read are ended by a signal.
     """
     for number in SIGNALS:
         signal.signal(number, _end)
@@ -31,7 +34,7 @@ def converse(
                     inject(line.strip())
                 except ValueError as error:
                     answer = {"error": str(error)}
-            _say(state() | answer)
+            _say(answer if answer and sys.stdout.isatty() else state() | answer)
     except KeyboardInterrupt:
         pass
     return 0
@@ -51,6 +54,15 @@ def _lines() -> Iterator[str]:
         signal.pause()
 
 
+def short(value: Any) -> Any:
+    """A value as people read it: numbers to three digits after the point, and long lists as their length."""
+    if isinstance(value, dict):
+        return {key: short(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [short(each) for each in value] if len(value) <= LONGEST else f"{len(value)} of them"
+    return round(value, 3) if isinstance(value, float) else value
+
+
 def _say(message: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(message) + "\n")
+    sys.stdout.write(json.dumps(short(message) if sys.stdout.isatty() else message) + "\n")
     sys.stdout.flush()

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from stancekit.runner.report import RunReport
     from stancekit.runner.safety.ending import Ended
 
+BUSY = 1.0
+"""A computer with more processes than processors keeps no time."""
+
 
 def run_table(report: RunReport) -> Table:
     """The report, for people."""
@@ -54,6 +57,10 @@ def run_table(report: RunReport) -> Table:
     median, late = (1e3 * value for value in report.cycle_s)
     if math.isfinite(median):
         table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
+    if report.message and not report.dry and report.load > BUSY:
+        table.add_row(
+            "computer", f"{report.load:.1f} processes for each processor: a run that comes too late may stop for that"
+        )
     return table
 
 

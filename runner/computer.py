@@ -37,7 +37,7 @@ def about(
         "core": versions(None),
         "extras": {extra: versions(extra) for extra in extras()},
         "gl": gl(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        "cores": cores(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0,
         "solves_s": None,
         "bus": None,
@@ -55,6 +55,16 @@ def about(
             found["bus"] = asdict(pace) | {"keeps_up": pace.keeps_up}
         progress(2, 2, "done")
     return found
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def load() -> float:
+    """Processes that wanted a processor in the last minute, for each that there is; NaN where nobody says."""
+    return os.getloadavg()[0] / cores() if hasattr(os, "getloadavg") else float("nan")
 
 
 def extras() -> list[str]:

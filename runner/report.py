@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .computer import load
 from .control.friction import FrictionInterval, estimated
 from .control.leg_odometry import odometry_error_m
 from .execution import Execution
@@ -47,6 +48,7 @@ class RunReport:
         loop_share: of their stiffness, that joint loops were found to have, 1 where nobody knows.
         stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine share, None where
             it was not; after: commands on their way at that moment, whose write returned up to after_s later.
+        load: processes that wanted a processor in the last minute, for each that there is; NaN where nobody says.
     Source:
         Paper E §V.
     Example:
@@ -88,6 +90,7 @@ class RunReport:
     stopped_s: float | None = None
     after: int = 0
     after_s: float = 0.0
+    load: float = float("nan")
 
     @classmethod
     def of(
@@ -144,6 +147,7 @@ class RunReport:
             stopped_s=latch.time_s if latch.tripped else None,
             after=latch.after,
             after_s=latch.after_s,
+            load=load(),
         )
 
     def to_json(self) -> dict[str, Any]:

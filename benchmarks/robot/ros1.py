@@ -1,6 +1,7 @@
 """Runs on the real ROS 1 robot that build_ros1.py builds: what is wrong with it, what stops it, and what moves after.
 
     python benchmarks/robot/ros1.py FOLDER [--kinds faults healthy odd] [--count 3] [--only NAME …] [--tell]
+    python benchmarks/robot/ros1.py FOLDER --stand PLAN
 
 Every run has a fresh robot and a fresh rosbridge, and is a process with ``stancekit run --arm`` of a plan of some
 seconds. A fault comes ``AT_S`` after the robot's first motion, or before the run. Motions, and when they were, are read
@@ -14,6 +15,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -21,7 +23,7 @@ import sys
 import time
 import xmlrpc.client
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -41,6 +43,7 @@ from stancekit.runner.log import read_log
 from stancekit.runner.worlds.ros.setup import same_names
 
 MASTER, PORT = 11411, 9190
+STAND_MASTER, STAND_PORT = 11311, 9090
 AT_S = 2.0
 LONGEST_S = 90.0
 MOVES_RAD_S = 0.02
@@ -48,6 +51,7 @@ LEAST_RAD = 2e-3
 """Less is the end of a lag, and no motion."""
 GOAL_RAD = 0.1
 """How far a run may end from its plan."""
+COMMAND = "/joint_trajectory_controller/command"
 Kind = Literal["faults", "healthy", "odd"]
 
 
@@ -55,7 +59,8 @@ Kind = Literal["faults", "healthy", "odd"]
 class Case:
     """A set-up, and what happens to it. act: does it, and is told so after ``AT_S``; before: a node that is there from
     the beginning; lead_s: that ``act`` is begun earlier; after_s: that is looked on at the end; setup: of the file;
-    states_hz, shuffled, namespace, rosapi, estop: of the robot; options: of the command; exits: codes that are right.
+    states_hz, shuffled, remap, namespace, rosapi, estop: of the robot; options: of the command; exits: codes that are
+    right.
     """
 
     name: str
@@ -66,6 +71,7 @@ class Case:
     setup: dict[str, Any] = field(default_factory=dict)
     states_hz: float = 50.0
     shuffled: bool = False
+    remap: str = ""
     namespace: str = ""
     rosapi: bool = True
     estop: str = "regular"
@@ -76,8 +82,8 @@ class Case:
 class Robot:
     """The processes of a robot in a folder, and nodes beside it."""
 
-    def __init__(self, folder: Path, master: str) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, master: str, prefix: str = "") -> None:
+        self.folder, self._prefix = folder, prefix
         paths = f"{folder / 'py'}"
         self.environment = os.environ | {
             "PYTHONPATH": paths, "ROS_MASTER_URI": master, "ROS_IP": "127.0.0.1", "ROS_HOME": str(folder / "home"),
@@ -89,7 +95,7 @@ class Robot:
     def start(self, name: str, *words: str) -> subprocess.Popen[str]:
         """Start a process; its output goes to a file, but for a node's."""
         pipe = subprocess.PIPE if words[1:] and words[1].endswith("ros_nodes.py") else None
-        with (self.folder / "log" / f"{name}.out").open("w") as output:
+        with (self.folder / "log" / f"{self._prefix}{name}.out").open("w") as output:
             self.processes[name] = subprocess.Popen(
                 words, env=self.environment, stdin=subprocess.PIPE, stdout=pipe or output, stderr=output,
                 start_new_session=True, text=True, cwd=self.folder,
@@ -157,6 +163,9 @@ FAULTS = (
     Case(name="another client's stream", node=("commands", "2"), exits=(0, 1), after_s=2.0),
     Case(name="controller switched off", node=("switch",)),
     Case(name="ROS 2 in the setup", setup={"ros": 2}, exits=(2,)),
+    Case(name="commands reach nobody", remap=f"{COMMAND}:=/nobody", exits=(2,)),
+    Case(name="commands are heard after 4 s", before=("late", "4"), remap=f"{COMMAND}:=/late", exits=(0,)),
+    Case(name="commands are missed at first", before=("late", "0", "2"), remap=f"{COMMAND}:=/late", exits=(0,)),
 )  # fmt: skip
 HEALTHY = (Case(name="healthy", exits=(0,)),)
 ODD = (
@@ -188,13 +197,23 @@ class Arguments:
     """Names of cases; all where none is named."""
     tell: bool = False
     """Print what is there, and run nothing."""
+    stand: Path | None = None
+    """A plan: let a robot stand as it begins, behind a rosbridge on port 9090, until Ctrl-C, and run nothing. Lines on
+    standard input, ``press`` and ``release``, are for its e-stop."""
+    load: float = 3.0
+    """Wait before every run until the machine's load is no more than this, but no longer than ``patience_s``."""
+    patience_s: float = 60.0
     rate_hz: float = 50.0
     """Commands, joint states and states of the controller per second; a busy machine wants fewer."""
 
 
 def main(arguments: Arguments) -> None:
     """Run what is not there yet, and print the tables."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and leave no process behind
     folder = arguments.folder.resolve()
+    if arguments.stand is not None:
+        stand(folder, arguments.stand, arguments.rate_hz)
+        return
     results = folder / "results.jsonl"
     done = (
         [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
@@ -213,16 +232,35 @@ def main(arguments: Arguments) -> None:
                         (row["case"], row["index"]) == (case.name, index) for row in done
                     ):
                         continue
-                    row = tried(robot, case, plan, arguments.rate_hz) | {
-                        "index": index,
-                        "load": os.getloadavg()[0],
-                    }
+                    before = quiet(arguments.load, arguments.patience_s)
+                    row = tried(robot, case, plan, arguments.rate_hz)
+                    row |= {"index": index, "load": max(before, os.getloadavg()[0])}
+                    if not row["right"]:
+                        keep(robot, f"{case.name} {index}")
                     done.append(row)
                     with results.open("a") as file:
                         file.write(json.dumps(row) + "\n")
                     print(json.dumps(row), flush=True)
     for kind in arguments.kinds:
         print(table(CASES[kind], done))
+
+
+def quiet(load: float, patience_s: float) -> float:
+    """Wait for the machine; its load then."""
+    end = time.monotonic() + patience_s
+    while os.getloadavg()[0] > load and time.monotonic() < end:
+        time.sleep(1.0)
+    return os.getloadavg()[0]
+
+
+def keep(robot: Robot, name: str) -> None:
+    """Keep what a run that went wrong left behind: its log and output, and what the robot's processes said."""
+    kept = robot.folder / "kept" / re.sub(r"\W+", "-", name)
+    shutil.rmtree(kept, ignore_errors=True)
+    shutil.copytree(robot.folder / "run", kept)
+    shutil.copy(robot.folder / "motions.txt", kept)
+    for process in robot.processes:
+        shutil.copy(robot.folder / "log" / f"{process}.out", kept)
 
 
 def planned(folder: Path) -> Path:
@@ -252,24 +290,8 @@ def tried(robot: Robot, case: Case, plan: Path, rate_hz: float) -> dict[str, Any
     robot.end(*(robot.processes.keys() - {"master", "rosapi", "estop"}))
     motions = robot.folder / "motions.txt"
     motions.unlink(missing_ok=True)
-    describe(case, [names[k] for k in order], start[order], motions, rate_hz)
-    robot.start("robot", str(robot.folder / "robot_hw"), f"__ns:={case.namespace or '/'}")
-    robot.start(
-        "bridge", PYTHON, "rosbridge_websocket.py", "--address", "127.0.0.1", "--port", str(PORT)
-    )
-    if case.rosapi and "rosapi" not in robot.processes:
-        robot.start("rosapi", PYTHON, "rosapi_node")
-    if not case.rosapi:
-        robot.end("rosapi")
-    if (
-        "estop" not in robot.processes
-        or case.estop != "regular"
-        or robot.processes["estop"].poll() is not None
-    ):
-        robot.end("estop")
-        robot.node("estop", "estop", case.estop)
-    robot.tell("estop", "release") if case.estop == "regular" else None
-    opened(PORT)
+    describe(robot, case, [names[k] for k in order], start[order], motions, rate_hz)
+    begun(robot, case, PORT)
     grown(motions)
     time.sleep(1.0)
     if case.before:
@@ -293,9 +315,45 @@ def tried(robot: Robot, case: Case, plan: Path, rate_hz: float) -> dict[str, Any
     return judged(case, code, (began_s, acted_s, over_s), motions, order, folder)
 
 
-def describe(case: Case, names: Sequence[str], start: Array, motions: Path, rate_hz: float) -> None:
+def begun(robot: Robot, case: Case, port: int) -> None:
+    """Start a robot that was described, and a rosbridge, and what is beside them."""
+    robot.start("robot", str(robot.folder / "robot_hw"), f"__ns:={case.namespace or '/'}", *case.remap.split())
+    robot.start("bridge", PYTHON, "rosbridge_websocket.py", "--address", "127.0.0.1", "--port", str(port))
+    if case.rosapi and "rosapi" not in robot.processes:
+        robot.start("rosapi", PYTHON, "rosapi_node")
+    if not case.rosapi:
+        robot.end("rosapi")
+    standing = robot.processes.get("estop")
+    if standing is None or case.estop != "regular" or standing.poll() is not None:
+        robot.end("estop")
+        robot.node("estop", "estop", case.estop)
+    robot.tell("estop", "release") if case.estop == "regular" else None
+    opened(port)
+
+
+def stand(folder: Path, plan: Path, rate_hz: float) -> None:
+    """A robot that stands as a plan begins, behind a rosbridge, until somebody ends it."""
+    names, start = start_of(plan)
+    robot = Robot(folder, f"http://127.0.0.1:{STAND_MASTER}", "stand-")
+    with ExitStack() as stack:
+        stack.callback(lambda: robot.end(*list(robot.processes)))
+        robot.start("master", PYTHON, "/usr/bin/rosmaster", "--core", "-p", str(STAND_MASTER))
+        opened(STAND_MASTER)
+        motions = folder / "stand-motions.txt"
+        motions.unlink(missing_ok=True)
+        describe(robot, HEALTHY[0], names, start, motions, rate_hz)
+        begun(robot, HEALTHY[0], STAND_PORT)
+        grown(motions)
+        print(json.dumps({"port": STAND_PORT, "ros": 1, "estop": "/e_stop"}), flush=True)
+        for line in sys.stdin:  # press, release
+            robot.tell("estop", line.strip())
+        with suppress(KeyboardInterrupt):
+            signal.pause()
+
+
+def describe(robot: Robot, case: Case, names: Sequence[str], start: Array, motions: Path, rate_hz: float) -> None:
     """The robot's parameters, at the master."""
-    master = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{MASTER}")
+    master = xmlrpc.client.ServerProxy(robot.environment["ROS_MASTER_URI"])
     limit = "<limit lower='-3' upper='3' effort='10' velocity='10'/>"
     joints = "".join(
         f"<link name='l{k}'/><joint name='{name}' type='revolute'><parent link='base'/><child link='l{k}'/>"
@@ -385,9 +443,9 @@ def why(errors: str, output: str) -> str:
 def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
     """One line per case."""
     lines = [
-        "| case | runs | exit | fastest [rad/s] | at rest after [s] | moved after [rad] | off [rad] | says |"
+        "| case | runs | load | exit | fastest [rad/s] | at rest after [s] | moved after [rad] | off [rad] | says |"
     ]
-    lines.append("|---|---|---|---|---|---|---|---|")
+    lines.append("|---|---|---|---|---|---|---|---|---|")
     for case in cases:
         found = [row for row in done if row["case"] == case.name]
         if not found:
@@ -398,9 +456,10 @@ def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
         off = [row["off"] for row in found if row["off"] is not None]
         silent = [row["after"] for row in found if not row["said"] and row["exit"] >= 0]
         columns = (
-            case.name, len(found), exits, f"{max(row['fastest'] for row in found):.2f}",
+            case.name, len(found), f"{max(row['load'] for row in found):.1f}", exits,
+            f"{max(row['fastest'] for row in found):.2f}",
             f"{max(still):.2f}" if still else "", f"{max(silent, default=0.0):.3f}", f"{max(off):.3f}" if off else "",
-            found[0]["message"][:160].replace("|", "/"),
+            min(found, key=lambda row: row["right"])["message"][:160].replace("|", "/"),
         )  # fmt: skip
         lines.append(f"| {' | '.join(map(str, columns))} |")
     ours = [row for row in done if row["case"] in {case.name for case in cases}]
@@ -414,7 +473,9 @@ def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
         f"exit 0 more than {GOAL_RAD:g} rad off": sum(
             (row["off"] or 0.0) > GOAL_RAD for row in ours
         ),
-        "another exit code than expected": sum(not row["right"] for row in ours),
+        f"another exit code than expected, {sum(starved(row) for row in ours)} of them for want of a processor": sum(
+            not row["right"] for row in ours
+        ),
     }
     return "\n".join(
         [
@@ -423,6 +484,13 @@ def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
             f"{len(ours)} runs: " + "; ".join(f"{count} {what}" for what, count in bad.items()),
         ]
     )
+
+
+def starved(row: dict[str, Any]) -> bool:
+    """Whether a run ended otherwise than it should because the machine, at a load of more than its processors, did not
+    let a process run in time."""
+    late = ("host watchdog", "host was silent", "nothing heard for")
+    return not row["right"] and row["load"] > (os.cpu_count() or 1) and any(word in row["message"] for word in late)
 
 
 FOREIGN = {"another client's goal", "another client's stream"}

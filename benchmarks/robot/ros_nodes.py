@@ -123,6 +123,21 @@ def commands(seconds):
         rate.sleep()
 
 
+def late(seconds, times="1"):
+    """A controller that connects to the publisher of its commands so long after that is there for so many times."""
+    from trajectory_msgs.msg import JointTrajectory
+
+    topic = "/joint_trajectory_controller/command"
+    publisher = rospy.Publisher("/late", JointTrajectory, queue_size=1)
+    say("ready")
+    for there in [True] + [False, True] * (int(times) - 1):
+        while (topic in dict(rospy.get_published_topics())) != there:
+            rospy.sleep(0.05)
+    rospy.sleep(float(seconds))
+    rospy.Subscriber(topic, JointTrajectory, publisher.publish, queue_size=1)
+    rospy.spin()
+
+
 def stuck(joint):
     """A joint that turns no more."""
     publisher = rospy.Publisher("/hw/stuck", Float64, queue_size=1, latch=True)

@@ -1,7 +1,7 @@
 """A rosbridge with a robot behind it: a real websocket server on loopback, ROS 1 or 2, and its faults.
 
-It is as unkind as a real one: what is published on a topic that was advertised just before comes late; a goal is
-accepted late, and a cancel that overtakes that is never acted on; a controller that does not run says nothing;
+It is as unkind as a real one: what is published on a topic that was advertised just before comes late, or never; a
+goal is accepted late, and a cancel that overtakes that is never acted on; a controller that does not run says nothing;
 subscriptions of another type than the topic's are silent, as are types that it does not know; a stamp in the past
 makes a trajectory void. Where the computer is too slow the robot's time stands still meanwhile, so that no joint seems
 to jump.
@@ -37,7 +37,7 @@ from .trajectory_controller import INVALID_JOINTS, Controller, Task
 FAULTS = (
     "rosbridge gone", "connection lost", "silent", "not json", "no operation", "null angle", "half a message", "delay",
     "rejects goals", "stuck joint", "e-stop", "status error", "controller off", "frozen", "zeros", "shifted", "wheels",
-    "e-stop gone", "e-stop released", "other client", "one jump",
+    "e-stop gone", "e-stop released", "other client", "one jump", "commands lost",
 )  # fmt: skip
 ENDS2 = {"succeeded": 4, "cancelled": 5, "aborted": 6}
 ENDS1 = {"succeeded": 3, "cancelled": 2, "aborted": 4, "rejected": 5}
@@ -47,6 +47,8 @@ MOST_S = 0.03
 """The robot's time goes on by no more than this at once."""
 CONNECT_S = 0.1
 """A topic that is advertised has its subscribers so much later; what was published meanwhile comes then."""
+KEPT_S = 1.0
+"""It comes no more where they are later than this: then it is lost."""
 ACCEPT_S = 0.05
 """A goal is accepted so long after it came."""
 FROZEN_S = 4.0
@@ -66,6 +68,8 @@ class RosBridge:
     names: of the robot's joints, other: of joints that only publish their state. ros: 1 or 2. rate_hz: of the joint
     states. one_thread: read nothing from a client while its goal is on its way, as some rosbridges do. estop: on
     /e_stop. rosapi: whether there is one. stamps: of the states, none are 0. clock_s: how far the robot's clock is off.
+    connect_s: so long after a topic was advertised the robot hears what is published there. misses: it hears nothing
+    before the topic was advertised anew.
     log: every command with its time: ("stream" | "late stream" | "halt" | "goal" | "cancel" | "switch", time), late
     those that came too late to be acted on. errors: what was against the protocol.
     """
@@ -74,7 +78,7 @@ class RosBridge:
         self, names: Sequence[str], angles_rad: Sequence[float] | None = None, *, ros: Literal[1, 2] = 2,
         rate_hz: float = 100.0, controller: str = "/joint_trajectory_controller", other: Sequence[str] = (),
         one_thread: bool = False, port: int = 0, estop: Estops = "latched", rosapi: bool = True, stamps: bool = True,
-        clock_s: float = 0.0,
+        clock_s: float = 0.0, connect_s: float = CONNECT_S, misses: bool = False,
     ) -> None:  # fmt: skip
         start = np.zeros(len(names)) if angles_rad is None else np.array(angles_rad, dtype=float)
         self.robot, self.ros, self.controller = Controller(list(names), start), ros, controller
@@ -88,6 +92,7 @@ class RosBridge:
             stamps,
             EPOCH_S + clock_s,
         )
+        self._connect_s, self._misses = connect_s, misses
         self._accepting = dict[str, float]()  # goals of ROS 1 that came, and when they are accepted
         self._thaw_s, self._second_s, self._regular_s, self._phase = 0.0, 0.0, 0.0, 0
         self._nanos = "nanosec" if ros == 2 else "nsecs"
@@ -193,7 +198,10 @@ class RosBridge:
         """Whether this ROS knows the name of a type; 2 takes those of 1, too."""
         return kind.count("/") == 1 or (self.ros == 2 and kind.count("/") == 2)
 
-    def _unadvertise(self, client: Client, message: dict[str, Any]) -> None: ...
+    def _unadvertise(self, client: Client, message: dict[str, Any]) -> None:
+        with self._lock:
+            client.advertised.pop(message["topic"], None)
+            client.ended.add(message["topic"])
 
     def _subscribe(self, client: Client, message: dict[str, Any]) -> None:
         """A type that this ROS does not know, or that is not the topic's, is logged there, and nobody is told."""
@@ -213,12 +221,15 @@ class RosBridge:
             client.topics.discard(message["topic"])
 
     def _publish(self, client: Client, message: dict[str, Any]) -> None:
-        """What comes before the topic has its subscribers waits for them."""
+        """What comes before the topic has its subscribers waits for them, as long as a rosbridge keeps it."""
         since_s = time.monotonic() - client.advertised.setdefault(
             message["topic"], time.monotonic()
         )
-        if since_s < CONNECT_S:
-            threading.Timer(CONNECT_S - since_s, self._published, (client, message)).start()
+        missed = self._misses and message["topic"] not in client.ended
+        if "commands lost" in self._faults or missed or (since_s < self._connect_s and self._connect_s > KEPT_S):
+            return
+        if since_s < self._connect_s:
+            threading.Timer(self._connect_s - since_s, self._published, (client, message)).start()
         else:
             self._published(client, message)
 

@@ -59,6 +59,7 @@ class Client:
     def __init__(self, socket: ServerConnection) -> None:
         self.socket, self.topics = socket, set[str]()
         self.advertised = dict[str, float]()  # topic, and when
+        self.ended = set[str]()  # topics that were advertised no more, once
         self._waiting: queue.Queue[tuple[float, str] | None] = queue.Queue()
         threading.Thread(target=self._send, daemon=True).start()
 

@@ -56,6 +56,8 @@ class _Loadable(Protocol):
 
 FORGIVEN = 0.5
 """So many periods in which a joint was away are made up for by one in which it was not."""
+STILL_RAD, SENT_RAD = 0.02, 0.1
+"""A robot has not moved where none of its joints has turned by STILL_RAD, of several that were sent SENT_RAD away."""
 SATURATED = 1.5
 """A target so many times as far from its joint as gives all of its torque is one that the joint does not follow."""
 
@@ -128,6 +130,7 @@ class SafeWorld:
         self._to: World = world
         self._last: Array | None = None
         self._away = self._lean = np.zeros(len(world.joints))
+        self._first: Array | None = None
 
     @cached_property
     def drives(self) -> Drives:
@@ -143,7 +146,7 @@ class SafeWorld:
         state = self.world.reset(terrain, angles_rad, position_m, rotation)
         self._check_measured(state)
         self._to = NullWorld(self.world, state) if self.dry else self.world
-        self._last = np.array(state.angles_rad, dtype=float)
+        self._first = self._last = np.array(state.angles_rad, dtype=float)
         self._away = self._lean = np.zeros(len(self.joints))
         return state
 
@@ -260,7 +263,14 @@ class SafeWorld:
         worst = int(np.argmax(self._away))
         if self._away[worst] > self.limits.path_s * self.rate_hz + 1e-6:
             limit = f"more than {self._path[worst]:g} rad for {self.limits.path_s:g} s"
-            self.trip(f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}")
+            hint = "; no joint has moved at all: does the robot take commands?" if self._still(state) else ""
+            self.trip(f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}{hint}")
+
+    def _still(self, state: State) -> bool:
+        """Whether joints were sent away from where they were measured first, and none has moved."""
+        if self._first is None or np.abs(state.angles_rad - self._first).max() > STILL_RAD:
+            return False
+        return bool(np.count_nonzero(np.abs(state.sent_rad - self._first) > SENT_RAD) > 1)
 
 
 def capabilities_of(world: World) -> WorldCapabilities:

@@ -25,7 +25,7 @@ from stancekit.planners.errors import InvalidInput
 
 from ..worlds.ros.bridge import RosLink
 from ..worlds.ros.follow import AGAIN_S
-from ..worlds.ros.goal import cancel_all
+from ..worlds.ros.goal import cancel_all, ready_to_cancel
 from ..worlds.ros.setup import RosSetup
 
 BEAT, REST, CLOSE = b".", b"-", b"q"
@@ -159,9 +159,10 @@ def main() -> int:
     orders = json.loads(_line(0))
     setup = None if orders["ros"] is None else TypeAdapter(RosSetup).validate_python(orders["ros"])
     link = None if setup is None else RosLink(setup.host, setup.port, setup.timeout_s)
-    if link is not None:
+    if link is not None and setup is not None:
         try:
             link.open()
+            ready_to_cancel(link, setup.controller, setup.ros)
         except InvalidInput as error:
             sys.stdout.write(f"{error}\n")
             return 1

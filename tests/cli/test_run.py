@@ -134,6 +134,18 @@ def test_a_stop_file_that_is_there_lets_nothing_begin(folder: Path, capsys: pyte
     assert "nan" not in out
 
 
+@pytest.mark.parametrize(("load", "said"), [(3.25, True), (0.5, False), (float("nan"), False)])
+def test_a_run_that_was_stopped_on_a_computer_with_too_much_work_says_how_much(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, load: float, said: bool
+) -> None:
+    monkeypatch.setattr("stancekit.runner.report.load", lambda: load)
+    stop = folder / "stop"
+    stop.touch()
+    code, out, _ = ended(Run(plan=folder / "plan.json", stop_file=stop), capsys)
+    assert code == 1
+    assert ("3.2 processes for each processor: a run that comes too late" in " ".join(out.split())) == said
+
+
 def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refused(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -90,11 +90,25 @@ def test_a_joint_that_does_not_follow_stops_the_run_and_is_named() -> None:
     for k in range(1, 11):
         safe.step(START + 0.02 * k * (np.arange(24) == 7))
     with pytest.raises(
-        Stopped, match=r"joint LM_knee: 0.220 rad from where it was sent, more than 0.11 rad for 0.05 s"
+        Stopped, match=r"joint LM_knee: 0.220 rad from where it was sent, more than 0.11 rad for 0.05 s$"
     ):
         safe.step(START + 0.22 * (np.arange(24) == 7))
     # .12 rad in step 6 is the first beyond; five periods of 10 ms are not longer than .05 s, six are
     assert len(world.commands) == 11
+
+
+def test_a_robot_that_does_not_move_at_all_is_told_as_that() -> None:
+    world = MemoryWorld()
+    safe = guarded(world, limits=Limits(path_rad=0.11, path_s=0.05))
+    world.stuck = list(range(24))
+    turned = np.where(np.arange(24) < 3, 0.02, 0.0)
+
+    def moved() -> None:
+        for k in range(1, 20):
+            safe.step(START + k * turned)
+
+    with pytest.raises(Stopped, match=r"for 0.05 s; no joint has moved at all: does the robot take commands\?"):
+        moved()
 
 
 @pytest.mark.parametrize("share", [2, 3])

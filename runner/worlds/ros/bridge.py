@@ -1,7 +1,7 @@
 """One connection to a rosbridge (``roslibpy``): what is said over it, and what is wrong with what comes back.
 
 A connection that is lost stays lost. roslibpy would connect again by itself and then send what had been waiting, which
-for targets of a robot is the last thing wanted. What it cannot read it only logs; here that is a fault.
+for targets of a robot is the last thing wanted. What it cannot read is a fault.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ...safety.latch import StopLatch
 Answer = TypeVar("Answer")
 Message = dict[str, Any]
 SILENT = logging.NullHandler()
-"""What comes while a connection is closed is nobody's fault, and not for standard error either."""
+"""roslibpy logs what ``Connection`` tells, too; that is not for standard error."""
 
 
 def roslibpy() -> Any:
@@ -40,7 +40,6 @@ class RosLink:
         self.url, self._address, self.timeout_s = f"ws://{host}:{port}", (host, port), timeout_s
         self._lost, self._wrong = threading.Event(), list[str]()
         self._topics: dict[str, Any] = {}
-        self._ears = _Complaints(self.complain, self._lost.set)
         self.ros: Any = None
 
     def open(self) -> None:
@@ -51,9 +50,9 @@ class RosLink:
             raise InvalidInput(f"rosbridge {self.url}: expected a rosbridge, nobody is there: {error}") from None
         for name in ("roslibpy", "autobahn"):
             logging.getLogger(name).addHandler(SILENT)
-        logging.getLogger("roslibpy").addHandler(self._ears)
-        self.ros = self._module.Ros(*self._address, transport="asyncio")
-        self.ros.factory.maxRetries = 0
+        from .connection import Connection
+
+        self.ros = Connection(*self._address, self.complain, self._lost.set)
         self.ros.on("close", lambda _: self._lost.set())
         try:
             self.ros.run(timeout=self.timeout_s)
@@ -96,6 +95,11 @@ class RosLink:
     def advertise(self, topic: str, kind: str) -> None:
         """Say that something will be published: what follows at once waits for subscribers, or is lost on them."""
         self._publisher(topic, kind).advertise()
+
+    def unadvertise(self, topic: str) -> None:
+        """Say that nothing will be published until it is advertised again."""
+        if topic in self._topics:
+            self._topics.pop(topic).unadvertise()
 
     def _publisher(self, topic: str, kind: str) -> Any:
         if topic not in self._topics:
@@ -159,27 +163,8 @@ class RosLink:
         if self.ros is not None and self.ros.is_connected:
             self.ros.close(timeout=self.timeout_s)
         self.ros = None
-        logging.getLogger("roslibpy").removeHandler(self._ears)
 
     def complain(self, what: str) -> None:
         """Take note of a trouble; the first one is what ``trouble`` says."""
         if len(self._wrong) < 10:
             self._wrong.append(what)
-
-
-class _Complaints(logging.Handler):
-    """What roslibpy logs about messages that it could not read, or not send: then the connection was just lost."""
-
-    def __init__(self, complain: Callable[[str], None], lose: Callable[[], None]) -> None:
-        super().__init__(level=logging.ERROR)
-        self._say, self._lose = complain, lose
-
-    def emit(self, record: logging.LogRecord) -> None:
-        error = record.exc_info[1] if record.exc_info else None
-        if record.getMessage().startswith("Failed to send"):
-            self._lose()
-        elif error is not None and '"status"' in str(error):
-            self._say("it reported an error of its own; roslibpy does not pass on which: see the rosbridge's log")
-        else:
-            what = f"{type(error).__name__}: {error}" if error is not None else record.getMessage()
-            self._say(f"expected a rosbridge message, got one that cannot be read ({' '.join(what.split()):.80})")

@@ -27,25 +27,31 @@ APART_RAD, APART_S, APART = 0.05, 0.1, 5
 FORGIVEN = 0.2
 """One that does not differ makes up for so many that do: every other one may be nonsense."""
 BUSY_RAD_S = 0.02
+HEARD_RAD = 3e-7
+"""A controller that wants the joints so near to where they were sent has taken that, by single precision, too."""
+SLOW_S = 0.25
+"""A command that was not late and is not acted on so long after it should be was lost."""
 
 
 class ControllerState:
     """The newest state of a controller, in the robot's order of joints and as ROS counts; written by one thread.
 
-    names: its joints, empty before the first message. clock: the one that it judges commands by.
+    names: its joints, empty before the first message. clock: the one that it judges commands by. late_s: after which a
+    command that was sent is acted on, or never.
     """
 
-    def __init__(self, mapping: Mapping, joints: Sequence[str], states: JointStates) -> None:
+    def __init__(self, mapping: Mapping, joints: Sequence[str], states: JointStates, late_s: float = 0.26) -> None:
         self.names: tuple[str, ...] = ()
         self.clock = RobotClock()
         self._mapping, self._joints, self._states = mapping, tuple(joints), states
+        self._late_s = late_s + SLOW_S
         self._lock = threading.Lock()
         self._heard_s = -np.inf
         self._desired: Array | None = None
         self._actual: Array | None = None
         self._speed, self._wanted = np.zeros(len(joints)), np.zeros(len(joints))
         self._sent: deque[tuple[float, Array]] = deque()
-        self._foreign = self._apart = np.zeros(len(joints))
+        self._foreign = self._apart = self._unheard = np.zeros(len(joints))
         self._differ = np.zeros((2, len(joints)))
 
     def take(self, message: Any) -> None:
@@ -60,10 +66,13 @@ class ControllerState:
         actual = _point(message, names, self._mapping, "actual", "feedback")
         with self._lock:
             self.names, self._heard_s = tuple(names), heard_s
+            rests = _same(self._desired, desired[0])
             self._desired, self._actual = desired[0], actual[0]
             self._speed = np.abs(actual[1])
             self._wanted = np.abs(np.nan_to_num(desired[1]))
-            self._foreign = np.where(self._foreign_now(), self._foreign + 1.0, 0.0)
+            self._foreign = np.where(self._beside(self._sent), self._foreign + 1.0, 0.0)
+            lately = [each for each in self._sent if heard_s - self._late_s < each[0] <= heard_s]
+            self._unheard = np.where(self._beside(lately), self._unheard + 1.0, 0.0) if rests else self._unheard * 0.0
             self._compare(heard_s)
 
     def heard_s(self) -> float:
@@ -74,7 +83,13 @@ class ControllerState:
         """Whatever it wants from now on is nobody else's, until the next target is sent."""
         with self._lock:
             self._sent.clear()
-            self._foreign = np.zeros(len(self._joints))
+            self._foreign = self._unheard = np.zeros(len(self._joints))
+
+    def wants(self, positions: Array) -> bool | None:
+        """Whether it wants the joints there, shape (J,) as ROS counts, or whole turns away; None where it does not
+        say."""
+        with self._lock:
+            return None if self._desired is None else _same(self._desired, positions)
 
     def sent(self, positions: Array) -> None:
         """Note a target that is sent, shape (J,) as ROS counts; the first one is gone to from where it is now."""
@@ -87,8 +102,15 @@ class ControllerState:
                 self._sent.popleft()
 
     def trouble(self) -> str | None:
-        """Whether it follows somebody else, or measures joints elsewhere than they are told; None for neither."""
+        """Whether it takes no commands, follows somebody else, or measures joints elsewhere than they are told; None
+        for none of these."""
         with self._lock:
+            if self._unheard.max() >= FOREIGN and self._desired is not None:
+                index = int(np.argmax(self._unheard))
+                return (
+                    f"{self._joints[index]}: the controller still wants {self._desired[index]:.3f} rad, "
+                    f"{self._sent[-1][1][index]:.3f} was sent: it takes no commands"
+                )
             if self._foreign.max() >= FOREIGN and self._desired is not None:
                 index = int(np.argmax(self._foreign))
                 return (
@@ -112,12 +134,12 @@ class ControllerState:
                 return None
             return f"{self._joints[index]}: the controller turns it by {self._wanted[index]:.2f} rad/s: another client?"
 
-    def _foreign_now(self) -> Array:
-        """Which joints it wants where nobody here sent them, shape (J,)."""
-        if not self._sent or self._desired is None:
+    def _beside(self, sent: Sequence[tuple[float, Array]]) -> Array:
+        """Which joints it wants elsewhere than at any of these targets, or between them, shape (J,)."""
+        if not sent or self._desired is None:
             return np.zeros(len(self._joints), dtype=bool)
-        sent = np.array([positions for _, positions in self._sent])
-        low, high = sent.min(axis=0) - FOREIGN_RAD, sent.max(axis=0) + FOREIGN_RAD
+        targets = np.array([positions for _, positions in sent])
+        low, high = targets.min(axis=0) - FOREIGN_RAD, targets.max(axis=0) + FOREIGN_RAD
         return np.asarray((self._desired < low) | (self._desired > high))
 
     def _compare(self, heard_s: float) -> None:
@@ -155,6 +177,13 @@ def _point(
         for values in rows
     ]
     return (found[0] if np.isfinite(found[0]).all() else None), found[1]
+
+
+def _same(one: Array | None, other: Array | None) -> bool:
+    """Whether all joints are at the same places, or whole turns away."""
+    if one is None or other is None:
+        return False
+    return bool(np.abs(np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi).max() <= HEARD_RAD)
 
 
 def _finite(value: Any) -> float:

@@ -103,8 +103,8 @@ class RosWorld(HardwareWorld):
         """Arm: hold the measured pose, the controller switched on if the setup names its manager; or switch it off.
 
         However an arming is interrupted, the controller is off again if it was switched on; ``hold`` makes sure of it.
-        Raises InvalidInput, and nothing has moved, for an e-stop that would not be heard, and where somebody else
-        moves the joints.
+        Raises InvalidInput, and nothing has moved, for an e-stop that would not be heard, where somebody else moves the
+        joints, and for a controller that takes no commands.
         """
         if not on:
             self.relax()
@@ -213,8 +213,7 @@ class RosWorld(HardwareWorld):
         self._robot.wake(1.0 / self.rate_hz)
         self._sent = self._robot.states.read()[0]
         self._follower.ready()
-        self._robot.stream(self._sent)
-        self._robot.taken()
+        self._robot.take_over(self._sent, 1.0 / self.rate_hz)
         self.latch.check()
 
     def _made(self) -> RosRobot:

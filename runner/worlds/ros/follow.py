@@ -18,6 +18,8 @@ from .robot import POLL_S, RosRobot
 
 PROBE_S = 3.0
 """Length of the goal that is cancelled before any other is sent."""
+TRIES = 3
+"""So often it is sent before a robot is refused that acts on none."""
 ACTIVE_S = 0.3
 """So long is waited for a sign that a goal of ROS 2 is acted on: its feedback, which some controllers do not send."""
 AGAIN_S = 0.1
@@ -71,10 +73,16 @@ class Follower:
             raise HardwareFault(f"trajectory: {goal.ended}")
 
     def _probe(self, first_rad: Array) -> None:
-        """Send a goal that holds the pose and cancel it: some rosbridges read no cancel while a goal is on its way."""
-        goal = self._send(np.array([PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad))))
+        """Send a goal that holds the pose and cancel it: some rosbridges read no cancel while a goal is on its way.
+
+        In ROS 1 it is sent again where nothing comes of it: an action server that connects late hears no earlier one.
+        """
         setup = self._robot.setup
-        goal.active.wait(setup.timeout_s if setup.ros == 1 else ACTIVE_S)
+        for _ in range(TRIES if setup.ros == 1 else 1):
+            goal = self._send(np.array([PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad))))
+            if goal.active.wait(setup.timeout_s if setup.ros == 1 else ACTIVE_S):
+                break
+            goal.cancel(self._robot.link)
         begin = time.monotonic()
         self._cancel(goal, self._robot.link)
         took = time.monotonic() - begin

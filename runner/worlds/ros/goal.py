@@ -134,6 +134,12 @@ class Goals:
         return Ros2Goal(self._link, self._action, goal, on_feedback)
 
 
+def ready_to_cancel(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
+    """Say that goals may be cancelled: in ROS 1 a cancel on a topic that was not advertised comes late, or never."""
+    if ros == 1:
+        link.advertise(f"{controller}/follow_joint_trajectory/cancel", "actionlib_msgs/GoalID")
+
+
 def cancel_all(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
     """Cancel every goal of a controller, whoever sent it. Raises InvalidInput where nobody answers.
 

@@ -36,8 +36,12 @@ ANSWER_S = 0.1
 """So long a rosbridge may take to answer before it is asked again."""
 STILL_S, REST_S = 0.15, 1.0
 """A robot that did not move for STILL_S is at rest; so long is waited for that after a stop."""
-TAKEN_S = 1.0
-"""So long a controller may take to say something new after the command that arms it."""
+AGAIN_S = 0.5
+"""A command that arms it is sent again so long after it should have been acted on."""
+FORGOTTEN_S = 10.5
+"""A rosbridge goes on publishing what nobody advertises any more for 10 s."""
+NOTICED_RAD = 9e-7
+"""A controller says that it wants a joint so far away, and no joint turns by so little."""
 JOINT_STATE, STATE = ("sensor_msgs", "JointState"), ("control_msgs", "JointTrajectoryControllerState")
 
 
@@ -52,7 +56,7 @@ class RosRobot:
     def __init__(self, setup: RosSetup, joints: Sequence[str], latch: StopLatch, velocity_rad_s: Array) -> None:
         self.setup, self.mapping, self.latch = setup, Mapping(setup, joints), latch
         self.states = JointStates(self.mapping, joints, velocity_rad_s)
-        self.controller = ControllerState(self.mapping, joints, self.states)
+        self.controller = ControllerState(self.mapping, joints, self.states, setup.lead_s + setup.stale_s)
         self.link = RosLink(setup.host, setup.port, setup.timeout_s)
         self.estop = None if setup.estop is None else Estop(self.link, setup.estop)
         self.manager = ControllerManager(self.link, setup)
@@ -183,15 +187,59 @@ class RosRobot:
         self._sent_s = now
         self._void_s = np.inf if stamp_s is None else now + float(times_s[-1])
 
-    def taken(self) -> None:
-        """Wait until the command that was sent last is over. Raises HardwareFault where the controller says nothing."""
-        over_s, end = self._sent_s + self.setup.lead_s, time.monotonic() + TAKEN_S
-        while self.controller.heard_s() <= over_s:
-            if (trouble := self.trouble()) is not None:
-                raise HardwareFault(trouble)
-            if time.monotonic() > end:
-                raise HardwareFault(f"{self.setup.controller}: nothing heard of it for {TAKEN_S:g} s")
+    def take_over(self, pose_rad: Array, period_s: float) -> None:
+        """Have the controller hold a pose, shape (J,), and wait until it says that it wants that. period_s: of the
+        commands.
+
+        Its connection to what a rosbridge publishes may come seconds after its states are heard: what is sent before
+        is lost, and with what is sent then it would jump. So it is sent the pose again until it wants it; where that
+        does not come, the topic is advertised anew. Where it wanted the pose before, one joint is sent NOTICED_RAD
+        beside it. Raises InvalidInput for a controller that takes no commands, HardwareFault for a trouble and for one
+        that says nothing, Stopped after a stop.
+        """
+        pose, begin_s = pose_rad.copy(), time.monotonic()
+        if self.controller.wants(self.mapping.to_ros(pose)):
+            pose[0] -= np.copysign(NOTICED_RAD, pose[0])
+        for again in (False, True):
+            if again:
+                self._readvertise()
+            if self._imposed(pose, period_s):
+                return
+        spent_s = time.monotonic() - begin_s
+        name, trouble = self.setup.controller, self.trouble()
+        if trouble is not None or self.controller.heard_s() < begin_s:
+            raise HardwareFault(trouble or f"{name}: nothing heard of it for {spent_s:.0f} s")
+        raise InvalidInput(
+            f"{name}: expected it to hold the pose that is sent on {self._command}, it took no command for "
+            f"{spent_s:.0f} s: is that its topic?"
+        )
+
+    def _imposed(self, pose_rad: Array, period_s: float) -> bool:
+        """Send a pose until the controller wants it; whether it does in time."""
+        point, end = self.mapping.to_ros(pose_rad), time.monotonic() + PATIENCE * self.setup.timeout_s
+        while time.monotonic() < end:
+            if self.fresh(period_s):
+                self.stream(pose_rad)
+            over_s = time.monotonic() + self.setup.lead_s
+            again_s = over_s + max(AGAIN_S, 2.0 * self.controller.clock.period_s())
+            while time.monotonic() < again_s:
+                if (trouble := self.trouble(silence=False)) is not None:
+                    raise HardwareFault(trouble)
+                wants = self.controller.wants(point)
+                if wants is not False and self.controller.heard_s() > over_s:
+                    return True
+                time.sleep(POLL_S)
+        return False
+
+    def _readvertise(self) -> None:
+        """Have the rosbridge publish commands anew. A subscriber of ROS 1 that did not come to connect when it was told
+        of a publisher does not try again before it is told of another one."""
+        self.link.unadvertise(self._command)
+        end = time.monotonic() + FORGOTTEN_S
+        while time.monotonic() < end and self.trouble(silence=False) is None:
+            self.latch.check()
             time.sleep(POLL_S)
+        self.link.advertise(self._command, self.kind("trajectory_msgs", "JointTrajectory"))
 
     def halt(self, link: RosLink | None = None) -> None:
         """Have a controller of ROS 1 hold where it is, in place of what it does and of what waits for it; one of ROS 2
