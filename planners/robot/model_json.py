@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -129,7 +128,7 @@ def model_from_json(raw: ModelJson, name: str) -> RobotModel:
     if own != raw.digest or (elsewhere and raw.hulls is not None):
         raise InvalidInput("model: digest mismatch: the URDF or its legs are not those that were written")
     older = raw.model_dump(exclude_none=True) if raw.hulls is None else None
-    return replace(found, disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)), older=older)
+    return found.changed(disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)), older=older)
 
 
 def _older_digest(raw: ModelJson) -> str:

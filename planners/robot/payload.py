@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import replace
 from xml.etree import ElementTree
 
 from ..errors import InvalidInput
@@ -41,7 +40,7 @@ def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
             for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
         },
     )  # fmt: skip
-    return replace(again, legs=model.legs, shapes=model.shapes, disabled_pairs=model.disabled_pairs)
+    return again.changed(legs=model.legs, shapes=model.shapes, disabled_pairs=model.disabled_pairs)
 
 
 def _rides(model: RobotModel, link: str) -> bool:

@@ -91,6 +91,13 @@ class RobotModel:
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in ("tree", "built")}
 
+    def changed(self, **fields: Any) -> RobotModel:
+        """The model with other values of some fields, and with what was parsed and built of the same URDF."""
+        made = replace(self, **fields)
+        if made.urdf is self.urdf:
+            vars(made).update({name: vars(self)[name] for name in ("tree", "built") if name in vars(self)})
+        return made
+
     @cached_property
     def tree(self) -> Element:
         """The URDF as XML, parsed once; who changes it takes a copy."""
