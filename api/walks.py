@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +15,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, plan_gait
 from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.interrupts import interruptible
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.robot.walker import walker_from
@@ -100,4 +102,8 @@ def walk(
         **given,
     )
     attempts = None if chart == "portfolio" else [Attempt(chart=chart)]
-    return plan_gait(asked, caps=Caps(total_s=limit_s), attempts=attempts)
+    with interruptible(signal.SIGINT) as interrupted:
+        found = plan_gait(asked, progress=lambda *at: interrupted(), caps=Caps(total_s=limit_s), attempts=attempts)
+    if found.stopped:
+        raise KeyboardInterrupt
+    return found

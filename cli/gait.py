@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
@@ -13,7 +14,7 @@ from . import gait_options
 from .console import as_options, emit, err, out
 from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn
 from .terrain_options import OF_FILE, TerrainFile
-from .watch import interruptible, watching
+from .watch import watching
 
 if TYPE_CHECKING:
     from stancekit.planners.gait.method.attempt import Attempt, Attempted
@@ -234,10 +235,11 @@ class Gait:
     ) -> GaitPlan:
         """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
         from stancekit.planners.gait.method.portfolio import plan_gait
+        from stancekit.planners.interrupts import interruptible
 
         if checkpoint.begun:
             err.print(f"{checkpoint.path}: goes on from what an interrupted run of this command kept")
-        with interruptible() as interrupted, watching(self.terrain) as show:
+        with interruptible(signal.SIGINT, signal.SIGTERM) as interrupted, watching(self.terrain) as show:
 
             def progress(*at: Any) -> bool:
                 show(*at)

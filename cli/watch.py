@@ -1,11 +1,10 @@
-"""What a long solve shows while it runs, and how it is asked to end."""
+"""What a long solve shows while it runs."""
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Protocol
 
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -19,24 +18,6 @@ class Named(Protocol):
     def name(self) -> str:
         """What it is called."""
         ...
-
-
-@contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
-    """Yields what says whether Ctrl-C or a polite kill came, so that work can be kept; a second one ends at once."""
-    came: list[int] = []
-
-    def note(number: int, _frame: Any) -> None:
-        if came:
-            raise KeyboardInterrupt
-        came.append(number)
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: bool(came)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

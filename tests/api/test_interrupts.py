@@ -1,0 +1,44 @@
+"""Ctrl-C in the middle of a walk is a KeyboardInterrupt, which the solver's own code would swallow."""
+
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.interrupts import interruptible
+
+
+def test_a_walk_that_is_interrupted_ends_at_the_next_iteration():
+    level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+    before, timer = signal.getsignal(signal.SIGINT), threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        stancekit.walk(level, (1.2, 0.3), duration_s=12.0, chart="ambient")
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_the_first_signal_is_noted_and_the_second_one_raises():
+    with interruptible(signal.SIGINT) as interrupted:
+        assert not interrupted()
+        os.kill(os.getpid(), signal.SIGINT)
+        while not interrupted():
+            pass
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            signal.pause()
+
+
+def test_outside_the_main_thread_nothing_is_noted_and_nothing_raised():
+    found = []
+
+    def inside() -> None:
+        with interruptible(signal.SIGINT) as interrupted:
+            found.append(interrupted())
+
+    thread = threading.Thread(target=inside)
+    thread.start()
+    thread.join()
+    assert found == [False]
