@@ -1,6 +1,5 @@
 """Ctrl-C in the middle of a walk is a KeyboardInterrupt, which the solver's own code would swallow."""
 
-import os
 import signal
 import threading
 
@@ -19,7 +18,7 @@ def test_a_walk_that_is_interrupted_ends_at_the_next_iteration(monkeypatch):
     def struck(task, *, progress, **options):
         def at(*where):
             if not iterations:
-                os.kill(os.getpid(), signal.SIGINT)
+                signal.raise_signal(signal.SIGINT)
             iterations.append(where)
             return progress(*where)
 
@@ -35,11 +34,10 @@ def test_a_walk_that_is_interrupted_ends_at_the_next_iteration(monkeypatch):
 def test_the_first_signal_is_noted_and_the_second_one_raises():
     with interruptible(signal.SIGINT) as interrupted:
         assert not interrupted()
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
         assert interrupted()
         with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
-            signal.pause()
+            signal.raise_signal(signal.SIGINT)
 
 
 def test_outside_the_main_thread_nothing_is_noted_and_nothing_raised():
