@@ -53,9 +53,9 @@ def terrain(
     if not isinstance(source, HeightField) and Path(source).exists() and ".py" not in str(source):
         return read_footholds(source, options, limits, friction)
     field = source if isinstance(source, HeightField) else named_terrain(str(source))
-    if meaning:
+    if further := [name for name, value in meaning.items() if value != getattr(ImportOptions, name)]:
         what = field.name or "a height field"
-        raise InvalidInput(f"{next(iter(meaning))}: expected none with {what}, which is read from no file")
+        raise InvalidInput(f"{further[0]}: expected none with {what}, which is read from no file")
     return footholds_of(ElevationMap.of_field(field), limits, friction)
 
 

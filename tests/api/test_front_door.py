@@ -127,6 +127,7 @@ def test_a_terrain_says_what_it_lacks(tmp_path):
     assert "friction: expected" in refused("", lambda: stancekit.plan(rough, **between))
     refused("unit_m: expected none with ", lambda: stancekit.terrain(level(), unit_m=2.0))
     refused("unit_m: expected none with ripple", lambda: stancekit.terrain("ripple", unit_m=2.0))
+    assert stancekit.terrain(level(), unit_m=1.0, kind=None).area_m2 == over.area_m2  # as the command gives them
 
 
 def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
