@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from stancekit.planners.answer.plan_outcome import PlanOutcome
-from stancekit.planners.arguments import checked
+from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.arrays import checked as checked_number
-from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
@@ -20,8 +21,9 @@ from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.methods import Method, PlannerOptions, course_through_verifier, make_course_planner
-from stancekit.planners.search.plan_course import LayOut, plan_course
+from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
 from stancekit.planners.terrain.footholds import Footholds
+from stancekit.planners.terrain.import_options import SUFFIXES
 
 from .upgrading import old_arguments
 
@@ -44,8 +46,8 @@ def plan(
     course: Course | PostureProblem | Footholds | str | Path,
     method: str | Method | CoursePlanner = "two-stage",
     *,
-    start_xy_m: Sequence[float] | None = None,
-    goal_xy_m: Sequence[float] | None = None,
+    start_xy_m: Array | Sequence[float] | None = None,
+    goal_xy_m: Array | Sequence[float] | None = None,
     frames: int | None = None,
     robot: Robot | str | Path | None = None,
     body: WholeBodyLimits = WholeBodyLimits(),
@@ -89,31 +91,43 @@ def plan(
     deadline = time.perf_counter() + checked_number(time_limit_s, "time_limit_s", least=0.0)
     beside = ("course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "time_limit_s")
     given = old_arguments("plan", old, OLD, beside) if old else {}
+    called = "planner" if "planner" in given else "method"
     method = given.pop("planner", method)
+    check_argument("planner", method, str | Method | CoursePlanner)
     engine: Any = given.pop("engine", "rows")
     checked_choice(engine, "engine", ("rows", "cvxpy"))
     programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
     moved = {LIMITS[name]: given.pop(name) for name in LIMITS if name in given}
-    limits = WholeBodyLimits(**moved) if moved else body
-    if method != "two-stage":
-        given.pop("reserve", None)  # which others have no use for
-    question = _question(course, frames, robot, start_xy_m, goal_xy_m)
+    limits = replace(body, **moved) if moved else body
+    shares = None
+    if not isinstance(method, Method) and method != "two-stage":  # which have no such setting
+        shares = None if given.pop("reserve", True) else ALL_FRICTION
+    question = _question(course, None if frames is None else int(frames), robot, start_xy_m, goal_xy_m)
     if isinstance(method, str | Method):
         options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
-        planner = make_course_planner(method, options, **given)
+        planner = _made(called, method, options, given)
     elif given:
         raise InvalidInput(f"{next(iter(given))}: expected none for a planner that was made before")
     else:
         planner = course_through_verifier(method)
-    return plan_course(question, planner, limits=limits, deadline=deadline)
+    return plan_course(question, planner, shares=shares, limits=limits, deadline=deadline)
+
+
+def _made(called: str, method: str | Method, options: PlannerOptions, settings: dict[str, Any]) -> CoursePlanner:
+    """The planner of a method; messages begin with what the argument is called. Raises InvalidInput."""
+    try:
+        return make_course_planner(method, options, **settings)
+    except InvalidInput as error:
+        said = str(error)
+        raise InvalidInput(f"{called}{said.removeprefix('planner')}" if said.startswith("planner:") else said) from None
 
 
 def _question(
     course: Course | PostureProblem | Footholds | str | Path,
     frames: int | None,
     robot: Robot | str | Path | None,
-    start: Sequence[float] | None,
-    goal: Sequence[float] | None,
+    start: Array | Sequence[float] | None,
+    goal: Array | Sequence[float] | None,
 ) -> Course | LayOut:
     """A course, or what lays it out: of a file of JSON, whose candidates are fixed, the course."""
     who = str(robot) if isinstance(robot, Path) else robot
@@ -131,6 +145,8 @@ def _question(
         course = Course.of_posture(course)
     if isinstance(course, str | Path):
         name = str(course)
+        if Path(name).suffix.lower() in SUFFIXES:
+            raise InvalidInput(f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none")
         if Path(name).suffix == ".json":
             return read_course(name, frames, who)
         return lambda sets: read_course(name, frames, who, sets)

@@ -113,6 +113,8 @@ def run(
         >>> stancekit.run("plan.json", "mujoco").succeeded  # doctest: +SKIP
         True
     """
+    if log is not None and Path(log).suffix != ".mcap":
+        raise InvalidInput(f"log: expected a name that ends in .mcap, got {log}")
     asked = accepted_of(motion) if policy is None else led_by_policy(motion)
     with ExitStack() as stack:
         made = _world(world, asked, setup, arm)

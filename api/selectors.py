@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal, overload
 
@@ -22,7 +23,7 @@ from stancekit.learners.training.fit_settings import FitSettings
 from stancekit.learners.training.fitting import learn
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import typed
+from stancekit.planners.files.validation import shown, typed
 from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
@@ -36,6 +37,8 @@ OLD = {
     "infeasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
     "natural": "label(..., rows=COUNT)",
 }
+USUAL_ROWS = (500, 500)
+"""How many feasible and infeasible ones there are where nothing is said."""
 BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "proposers")
 
 
@@ -46,7 +49,7 @@ def label(
     *,
     robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
-    rows: tuple[int, int] | int = (500, 500),
+    rows: tuple[int, int] | int = USUAL_ROWS,
     seed: int = 0,
     workers: int = 1,
     proposers: str | Path | None = None,
@@ -87,7 +90,7 @@ def label(
 
         asked = Proposers.load(proposers)
     plan = LabelPlan(
-        distribution=str(name), **wanted, seed=seed,
+        distribution=str(name), **wanted, seed=int(seed),
         robot=None if robot is None or source is not None else str(robot),
         terrain=None if terrain is None or source is not None else str(terrain),
         proposers=None if asked is None else asked.digest,
@@ -218,13 +221,14 @@ def _rows(rows: tuple[int, int] | int, old: dict[str, Any]) -> dict[str, Any]:
     for name, value in old.items():
         check_argument(name, value, bool if name == "natural" else int)
     if old:
+        if rows != USUAL_ROWS:
+            raise InvalidInput(f"{next(iter(old))}: expected none beside rows, got both")
         return {"feasible": 500, "infeasible": 500, **old}
-    if not isinstance(rows, tuple) or len(rows) != 2:
-        check_argument("rows", rows, int)
-        return {"feasible": rows, "infeasible": 0, "natural": True}
-    for count in rows:
-        check_argument("rows", count, int)
-    return {"feasible": rows[0], "infeasible": rows[1]}
+    if not isinstance(rows, tuple):
+        return {"feasible": int(rows), "infeasible": 0, "natural": True}
+    if len(rows) != 2 or any(isinstance(count, bool) or not isinstance(count, Integral) for count in rows):
+        raise InvalidInput(f"rows: expected one integer, or two (feasible, infeasible), got {shown(rows)}")
+    return {"feasible": int(rows[0]), "infeasible": int(rows[1])}
 
 
 def _opened(rows: Rows) -> Dataset:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from stancekit.planners.arguments import checked, settings_from
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.terrain.elevation import ElevationMap
@@ -49,12 +50,13 @@ def terrain(
     options = settings_from(ImportOptions, meaning, beside=("source", "friction", "robot", "limits"))
     if limits is None:
         limits = FootholdLimits() if robot is None else FootholdLimits.for_foot(_radius_m(robot_of(robot)))
-    if isinstance(source, HeightField):
-        return footholds_of(ElevationMap.of_field(source), limits, friction)
-    name = str(source)
-    if Path(name).exists() and ".py" not in name:
+    if not isinstance(source, HeightField) and Path(source).exists() and ".py" not in str(source):
         return read_footholds(source, options, limits, friction)
-    return footholds_of(ElevationMap.of_field(named_terrain(name, options)), limits, friction)
+    field = source if isinstance(source, HeightField) else named_terrain(str(source))
+    if further := [name for name, value in meaning.items() if value != getattr(ImportOptions, name)]:
+        what = field.name or "a height field"
+        raise InvalidInput(f"{further[0]}: expected none with {what}, which is read from no file")
+    return footholds_of(ElevationMap.of_field(field), limits, friction)
 
 
 def _radius_m(robot: Robot) -> float:

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, read_only
+from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, plan_gait
 from stancekit.planners.gait.task import GaitTask
@@ -82,8 +81,12 @@ def walk(
     beside = ("terrain", "goal_xy_m", "start_xy_m", "robot", "gait", "duration_s", "chart", "time_limit_s", *FURTHER)
     old = {name: value for name, value in task.items() if name not in FURTHER}
     given = {name: value for name, value in task.items() if name in FURTHER}
-    given |= {NOW[name]: value for name, value in old_arguments("walk", old, OLD, beside).items()}
+    moved = {NOW[name]: value for name, value in old_arguments("walk", old, OLD, beside).items()}
+    if both := given.keys() & moved.keys():
+        raise InvalidInput(f"{both.pop()}: expected it once, got it in its old form, too")
+    given |= moved
     limit_s = given.pop("time_limit_s", time_limit_s)
+    checked_number(limit_s, "time_limit_s", above=0.0)
     body = walker_from(robot)
     sticky = given.pop("adhesive", ())
     if isinstance(sticky, str) or not isinstance(sticky, Sequence):
@@ -94,8 +97,8 @@ def walk(
     asked = GaitTask(
         robot=body,
         terrain=named_terrain(str(terrain)) if isinstance(terrain, str | Path) else terrain,
-        start_xy_m=np.asarray(start_xy_m, dtype=np.float64),
-        goal_xy_m=np.asarray(goal_xy_m, dtype=np.float64),
+        start_xy_m=read_only(start_xy_m, (2,), "start_xy_m"),
+        goal_xy_m=read_only(goal_xy_m, (2,), "goal_xy_m"),
         duration_s=duration_s,
         adhesive=tuple(name in sticky for name in body.foot_names),
         gait=gait,

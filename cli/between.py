@@ -95,6 +95,7 @@ class Between:
                 yield
             except InvalidInput as error:
                 text = str(error)
+                text = f"--{text}" if text.startswith("frames:") else text
                 for name in ("start", "goal"):
                     text = text.replace(f"{name}_xy_m:", f"--{name}:") if text.startswith(name) else text
                 raise InvalidInput(text) from None

@@ -20,8 +20,6 @@ OptionalInt: TypeAlias = Annotated[Optional[int], tyro.conf.arg(metavar="INT")] 
 OptionalFloat: TypeAlias = Annotated[Optional[float], tyro.conf.arg(metavar="FLOAT")]  # noqa: UP045
 OptionalText: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="TEXT")]  # noqa: UP045
 LONGEST_S = 1e6
-MOST_INTERVALS = 64
-"""A finer grid takes minutes to write down and more memory than most machines have."""
 
 
 def check_planner(command: Any, by: str, known: Sequence[str], planners: Any) -> None:
@@ -31,7 +29,7 @@ def check_planner(command: Any, by: str, known: Sequence[str], planners: Any) ->
     known: the names of the package's own.
     planners: their registry.
     """
-    from stancekit.planners.search.methods import settings_of
+    from stancekit.planners.search.methods import MOST_INTERVALS, settings_of
 
     if command.time_limit_s is not None and not 0.0 < command.time_limit_s <= LONGEST_S:
         got = f"got {command.time_limit_s:g}"

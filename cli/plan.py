@@ -161,6 +161,11 @@ class PlanCourse:
 
         check_planner(self, "planner", COURSE_METHODS, COURSE_PLANNERS)
         self._limits()
+        if self.relaxation not in (None, "envelope"):  # as plans had p1
+            from stancekit.planners.relaxation.table import RELAXATIONS
+
+            with as_options(*SETTINGS):
+                RELAXATIONS.get(self.relaxation)
         if self.relaxation not in (None, "lift") and self.envelope is None:
             raise InvalidInput(f"--relaxation: expected --envelope FILE with {self.relaxation}, got none")
         if self.relaxation == "lift" and self.envelope is not None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 LIMITED = ("exact", "nlp", "micp")
 """The methods that have a use for a time limit."""
-SETTINGS = ("method", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
+SETTINGS = ("method", "relaxation", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
 """What a planner's complaint may begin with that is an option here."""
 
 
@@ -117,7 +117,7 @@ class Solve:
             raise InvalidInput("FILE: expected one or more problem files, got none (- is standard input)")
         check_planner(self, "method", METHODS, PLANNERS)
         if self.method in METHODS and self.method not in LIMITED and self.time_limit_s is not None:
-            raise InvalidInput(f"--time_limit_s: expected --method {' or '.join(LIMITED)} with it, got {self.method}")
+            raise InvalidInput(f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got {self.method}")
 
     def _answer(
         self, where: str, problem: PostureProblem | InvalidInput, planner: Planner, envelopes: EnvelopeSet | None

@@ -175,7 +175,10 @@ def _held(toes: Array) -> float:
 def _set_of(limb: Limb) -> Polytope:
     from stancekit.planners.robot.polytope import Polytope  # slow to import
 
-    assert limb.reach_rows is not None
+    if limb.reach_rows is None:
+        raise InvalidInput(
+            f"robot: expected legs with half-spaces of reach, as a robot file has them, got {limb.name} with none"
+        )
     return Polytope(normals=limb.reach_rows.normals, offsets_m=limb.reach_rows.bounds_m)
 
 

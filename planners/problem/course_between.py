@@ -19,8 +19,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from ..errors import InvalidInput, PlanningFailed
-from ..files.arrays import Array
-from ..files.validation import shown
+from ..files.arrays import Array, checked_int, read_only
 from ..robot.model import Limb, Robot
 from ..terrain.footholds import Footholds
 from ..terrain.patch import Patch
@@ -108,8 +107,8 @@ def course_between(
 
 def laid_between(
     terrain: Footholds | str | Path,
-    start_m: Sequence[float],
-    goal_m: Sequence[float],
+    start_m: Array | Sequence[float],
+    goal_m: Array | Sequence[float],
     *,
     robot: Robot | str | None = None,
     frames: int | None = None,
@@ -118,15 +117,16 @@ def laid_between(
 
     terrain: its footholds, or its file.
     """
-    for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m)):
-        if np.shape(place) != (2,) or not np.isfinite(np.asarray(place, dtype=np.float64)).all():
-            raise InvalidInput(f"{name}: expected two finite numbers, got {shown(place)}")
+    start, goal = (
+        read_only(place, (2,), name).tolist() for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m))
+    )
+    count = None if frames is None else checked_int(frames, "frames", least=1, most=MOST_FRAMES)
     over = FileTerrain.of(terrain) if isinstance(terrain, Footholds) else FileTerrain(file=str(Path(terrain).resolve()))
     who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
 
     def laid_out(sets: Sets) -> Course:
         try:
-            spec = course_between(over, start_m, goal_m, robot=who, frames=frames)
+            spec = course_between(over, start, goal, robot=who, frames=count)
             return build_course(spec, sets=sets)
         except InvalidInput as error:
             name, colon, rest = str(error).partition(":")

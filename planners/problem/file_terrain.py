@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..files.validation import validation_errors
 from ..terrain.foothold_search import read_footholds
 from ..terrain.footholds import (
     CLEARANCE_M,
@@ -58,12 +59,23 @@ class FileTerrain(TerrainSpec):
 
     @classmethod
     def of(cls, footholds: Footholds) -> FileTerrain:
-        """A terrain whose footholds were found before."""
-        made = cls(
-            file=footholds.name,
-            friction=footholds.pieces[0].patch.friction,
-            footholds=FootholdKeys(**asdict(footholds.limits)),
-        )
+        """A terrain whose footholds were found before. Raises InvalidInput for one of several frictions, or of none."""
+        if not footholds.pieces:
+            raise InvalidInput(f"{footholds.name}: expected a terrain with footholds, got none")
+        patches = (*(piece.patch for piece in footholds.pieces), *footholds.surfaces)
+        if frictions := sorted({patch.friction for patch in patches})[1:]:
+            least = min(patch.friction for patch in patches)
+            raise InvalidInput(
+                f"{footholds.name}: expected one friction of a terrain, got from {least:g} to {frictions[-1]:g}"
+            )
+        try:
+            made = cls(
+                file=footholds.name,
+                friction=footholds.pieces[0].patch.friction,
+                footholds=FootholdKeys(**asdict(footholds.limits)),
+            )
+        except ValidationError as error:
+            raise InvalidInput(f"{footholds.name}: {'; '.join(validation_errors(error, cls))}") from None
         made._found = made._counted(footholds)
         return made
 
@@ -81,9 +93,7 @@ class FileTerrain(TerrainSpec):
         keys = ("unit_m", "up", "offset_m", "crop_m", "spacing_m", "height_m", "holes", "most_triangles")
         kind = None if self.kind == "file" else self.kind
         options = ImportOptions(kind=kind, **{key: getattr(self, key) for key in keys})
-        return self._counted(
-            read_footholds(folder / self.file, options, FootholdLimits(**self.footholds.model_dump()))
-        )
+        return self._counted(read_footholds(folder / self.file, options, FootholdLimits(**self.footholds.model_dump())))
 
     def _counted(self, found: Footholds) -> Footholds:
         """The same footholds. Raises InvalidInput for too many."""

@@ -64,6 +64,7 @@ class Grid:
         known = {"encoding": Encoding, "cut": Cut, "domain": Domain, "envelope_use": EnvelopeUse}
         for (name, values), value in zip(known.items(), given, strict=True):
             checked_choice(value, f"{name}", get_args(values))
+        object.__setattr__(self, "intervals", int(self.intervals))  # numpy's have no bit_length
         if self.intervals < 1 or (self.encoding == "log" and self.intervals & (self.intervals - 1)):
             raise InvalidInput(f"intervals: expected 1 or more, and a power of two for 'log', got {self.intervals}")
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:  # what a planner needs is imported when it is asked for: a co
 
 Solver = Literal["highs", "scip", "gurobi"]
 EnvelopeUse = Literal["rows", "shrink"]
+MOST_INTERVALS = 64
+"""A finer grid takes minutes to write down and more memory than most machines have."""
 POSTURE_LIMIT_S, COURSE_LIMIT_S = 30.0, 60.0
 """Time limits of one posture problem and of one course where none is given [s]."""
 SETTINGS: Mapping[str, Any] = MappingProxyType(
@@ -121,6 +123,7 @@ class Exact:
         """Make the planner of postures."""
         from .exact import ExactPlanner
 
+        _check_of_postures(self, "gap")
         return ExactPlanner(
             acceptance=options.acceptance,
             time_limit_s=options.limit(POSTURE_LIMIT_S),
@@ -191,8 +194,7 @@ class TwoStage:
         from .posture import TwoStagePlanner
 
         options.check_unlimited(self.name)
-        if not self.reserve:
-            raise InvalidInput("reserve: expected none for postures, whose friction is all there is")
+        _check_of_postures(self, "reserve")
         return TwoStagePlanner(
             envelopes=_boxes(self.envelopes),
             relaxation=self.relaxation or "p1",
@@ -264,6 +266,8 @@ class Micp:
 
         check_argument("envelopes", self.envelopes, EnvelopeSet | Modes | None)
         check_argument("intervals", self.intervals, int)
+        if self.intervals > MOST_INTERVALS:
+            raise InvalidInput(f"intervals: expected {MOST_INTERVALS} or less, got {shown(self.intervals)}")
         check_argument("gap", self.gap, float | None)
         check_argument("projection", self.projection, str)
         checked_choice(self.solver, "solver", get_args(Solver))
@@ -278,6 +282,7 @@ class Micp:
         from ..relaxation.micp import Grid
         from .micp import MicpPlanner
 
+        _check_of_postures(self, "envelope_use", "gap", "projection")
         if self.envelopes is not None and len(self.envelopes.envelopes) > 1:
             raise InvalidInput(f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}")
         return MicpPlanner(
@@ -359,6 +364,16 @@ class Decoupled:
         from .decoupled import DecoupledPlanner
 
         return DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
+
+
+def _check_of_postures(method: Any, *of_courses: str) -> None:
+    """Raise InvalidInput for a setting that postures have no use for, where it is not what it is by default."""
+    for name in of_courses:
+        came = getattr(method, name)
+        if came != getattr(type(method), name):
+            raise InvalidInput(
+                f"{name}: expected none of {method.name} for postures, which have no use for it, got {came}"
+            )
 
 
 def p1(
@@ -493,6 +508,7 @@ def make_course_planner(
 def through_verifier(planner: Planner) -> Planner:
     """A planner of postures, which answers through the verifier unless it is the package's own."""
     if _is_of_the_package(planner):
+        _check_answers(planner, "PostureProblem", "postures")
         return planner
     from .verified import VerifiedPlanner
 
@@ -502,6 +518,7 @@ def through_verifier(planner: Planner) -> Planner:
 def course_through_verifier(planner: CoursePlanner) -> CoursePlanner:
     """A planner of courses, likewise."""
     if _is_of_the_package(planner):
+        _check_answers(planner, "Course", "courses")
         return planner
     from .verified import VerifiedCoursePlanner
 
@@ -529,6 +546,13 @@ def _checked(method: Method, settings: Mapping[str, Any]) -> Method:
 
 def _is_of_the_package(planner: object) -> bool:
     return type(planner).__module__.startswith("stancekit.")
+
+
+def _check_answers(planner: Any, kind: str, what: str) -> None:
+    """Raise InvalidInput for a planner of the package whose ``solve`` says that it answers another kind of question."""
+    asked = next(iter(inspect.signature(planner.solve).parameters.values())).annotation
+    if isinstance(asked, str) and kind not in asked:
+        raise InvalidInput(f"method: expected a planner of {what}, got {_called(planner)}, which answers a {asked}")
 
 
 def _called(planner: object) -> str:

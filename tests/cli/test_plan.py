@@ -138,6 +138,10 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
         ),
         (("walls", "--envelope", "none"), "none: expected a file, found nothing there"),
         (("walls", "--relaxation", "envelope"), "--relaxation: expected --envelope FILE with envelope, got none"),
+        (
+            ("walls", "--relaxation", "foo"),
+            "--relaxation: expected one of p1, joint, coned, lift, or FILE.py:NAME, got 'foo'",
+        ),
         (("walls", "--planner", "nlp", "--solver", "scip"), "--solver: expected --planner micp with it, got nlp"),
         (
             ("walls", "--planner", "exact", "--projection", "fix-p"),
@@ -148,6 +152,20 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
 )
 def test_bad_input_is_one_line_before_any_work(arguments, message, refusal, tmp_path):
     assert refusal(*(str(one).format(here=tmp_path.name) for one in arguments)) == message
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--goal", "0.3,0", "--frames", "0"), "--frames: expected 1 to 200, got 0"),
+        (("--goal", "0.3,0", "--frames", "201"), "--frames: expected 1 to 200, got 201"),
+        (("--goal", "1e300,0"), "--goal: expected magnitudes up to 1e+06, got 1e+300"),
+    ],
+)
+def test_a_way_over_a_terrain_is_of_sound_numbers(options, message, refusal, tmp_path):
+    mesh = tmp_path / "square.obj"
+    mesh.write_text("v -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nf 1 2 3\nf 1 3 4\n", encoding="utf-8")
+    assert refusal(str(mesh), "--start", "-0.3,0", *options) == message
 
 
 def test_a_proof_is_not_written_where_a_picture_or_a_page_goes(refusal):

@@ -359,6 +359,10 @@ def test_control_characters_never_reach_the_terminal(problem, write, stancekit):
         (("p", "--time-limit-s", "nan"), "--time-limit-s: expected a number above 0, up to 1e+06, got nan"),
         (("p", "--time-limit-s", "inf"), "--time-limit-s: expected a number above 0, up to 1e+06, got inf"),
         (("p", "--method", "p1"), "--envelope: expected an envelope for the relaxation p1, got none"),
+        (
+            ("p", "--method", "p1", "--relaxation", "foo"),
+            "--relaxation: expected one of p1, joint, coned, lift, or FILE.py:NAME, got 'foo'",
+        ),
         (("p", "--method", "micp", "--intervals", "65"), "--intervals: expected 64 or less, got 65"),
         (
             ("p", "--method", "micp", "--intervals", "3"),

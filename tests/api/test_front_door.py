@@ -1,0 +1,146 @@
+"""What the front door says to legal but odd calls: numbers of NumPy, two forms at once, settings without a use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.search.methods import make_course_planner, make_planner
+
+BLOCK = """v -1 -1 0
+v 1 -1 0
+v 1 1 0
+v -1 1 0
+f 1 2 3
+f 1 3 4
+"""
+
+
+def refused(begins: str, call: Callable[[], Any]) -> str:
+    """The line with which a call is refused."""
+    with pytest.raises(stancekit.InvalidInput) as caught:
+        call()
+    line = str(caught.value)
+    assert line.startswith(begins), line
+    assert "\n" not in line
+    return line
+
+
+def problem() -> stancekit.PostureProblem:
+    """One that has a posture."""
+    return stancekit.sample("ground-3", rng=3)[0]
+
+
+def level() -> stancekit.HeightField:
+    """A square of 4 m."""
+    return stancekit.HeightField.from_array(np.zeros((81, 81)), spacing_m=0.05)
+
+
+def test_integers_of_numpy_are_integers(tmp_path):
+    two: Any = np.int64(2)
+    assert stancekit.solve(problem(), stancekit.Micp(intervals=two)).status is stancekit.Status.FEASIBLE
+    assert stancekit.plan("stairs", frames=two).plan.com_m.shape == (2, 3)
+    rows = stancekit.label("wall-3", tmp_path / "rows", rows=(two, two), seed=two)
+    assert len(rows) == 4
+    assert len(stancekit.label("wall-3", tmp_path / "natural", rows=two)) == 2
+
+
+def test_a_grid_is_not_cut_finer_than_memory_allows():
+    refused("intervals: expected 64 or less, got 1048576", lambda: stancekit.Micp(intervals=2**20))
+
+
+def test_settings_of_courses_are_refused_with_postures():
+    for name, method in (
+        ("gap", stancekit.Exact(gap=0.5)),
+        ("gap", stancekit.Micp(gap=0.5)),
+        ("envelope_use", stancekit.Micp(envelope_use="shrink")),
+        ("projection", stancekit.Micp(projection="fix-p")),
+        ("reserve", stancekit.TwoStage(reserve=False)),
+    ):
+        refused(f"{name}: ", lambda method=method: stancekit.solve(problem(), method))
+
+
+def test_a_planner_of_another_kind_of_question_is_refused():
+    refused("method: ", lambda: stancekit.solve(problem(), make_course_planner("two-stage")))
+    refused("method: ", lambda: stancekit.plan("stairs", make_planner("exact"), frames=2))
+    for name in ("nlp", "two-stage", "micp", "decoupled"):
+        assert stancekit.plan("stairs", make_course_planner(name), frames=2).status is stancekit.Status.FEASIBLE
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_old_arguments_are_taken_as_they_were_or_refused():
+    def share(method: Any, **old: Any) -> float:
+        found = stancekit.plan("stairs", method, frames=4, **old).plan
+        assert found is not None
+        return float(found.provenance.get("friction_share", 1.0))
+
+    made = make_course_planner("two-stage")
+    assert (share(made), share(made, reserve=False), share("two-stage", reserve=False)) == (0.8, 1.0, 1.0)
+    assert share("nlp", reserve=False) == 1.0
+    refused("reserve: ", lambda: stancekit.plan("stairs", stancekit.TwoStage(), frames=2, reserve=False))
+    refused("planner: expected text, ", lambda: stancekit.plan("stairs", frames=2, planner=3))
+    refused("method: expected one of ", lambda: stancekit.plan("stairs", "p1", frames=2))
+    refused("feasible: ", lambda: stancekit.label("wall-3", "rows", rows=3, feasible=3))
+    refused("start_yaw_rad: ", lambda: stancekit.walk(level(), (0.2, 0.0), heading_rad=0.1, start_yaw_rad=0.2))
+    refused("time_limit_s: ", lambda: stancekit.walk(level(), (0.2, 0.0), time_limit_s=0.0))
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_old_limits_stand_beside_new_ones(monkeypatch):
+    seen = []
+    monkeypatch.setattr("stancekit.courses.plan_course", lambda *_, limits, **__: seen.append(limits))
+    stancekit.plan("stairs", frames=2, body=stancekit.WholeBodyLimits(share=0.5), torque_nm=8.0)
+    assert seen == [stancekit.WholeBodyLimits(share=0.5, torque_nm=8.0)]
+
+
+def test_places_are_arrays_or_numbers_that_are_sound():
+    over = stancekit.terrain(level())
+    found = stancekit.plan(over, start_xy_m=np.array([-0.3, 0.0]), goal_xy_m=np.array([0.3, 0.0]), frames=3)
+    assert found.status is stancekit.Status.FEASIBLE
+    for odd in ((1e300, 0.0), (0.0, 0.0, 0.0), (float("nan"), 0.0), np.array(["a", "b"])):
+        refused("start_xy_m: ", lambda odd=odd: stancekit.plan(over, start_xy_m=odd, goal_xy_m=(0.3, 0.0)))
+        refused("goal_xy_m: ", lambda odd=odd: stancekit.walk(level(), odd))
+    for count in (0, -1, 201):
+        refused(
+            f"frames: expected 1 to 200, got {count}",
+            lambda count=count: stancekit.plan(over, start_xy_m=(-0.3, 0), goal_xy_m=(0.3, 0), frames=count),
+        )
+
+
+def test_a_terrain_says_what_it_lacks(tmp_path):
+    mesh = Path(tmp_path / "block.obj")
+    mesh.write_text(BLOCK, encoding="utf-8")
+    refused("start_xy_m, goal_xy_m: ", lambda: stancekit.plan(mesh))
+    over = stancekit.terrain(level(), friction=0.8)
+    slick = replace(over.pieces[0], patch=over.pieces[0].patch.with_friction(0.1))
+    between: dict[str, Any] = {"start_xy_m": (-0.3, 0.0), "goal_xy_m": (0.3, 0.0), "frames": 2}
+    line = refused("", lambda: stancekit.plan(replace(over, pieces=(*over.pieces, slick)), **between))
+    assert "expected one friction of a terrain, got from 0.1 to 0.8" in line
+    assert "with footholds, got none" in refused("", lambda: stancekit.plan(replace(over, pieces=()), **between))
+    rough = stancekit.terrain(level(), friction=20.0)
+    assert "friction: expected" in refused("", lambda: stancekit.plan(rough, **between))
+    refused("unit_m: expected none with ", lambda: stancekit.terrain(level(), unit_m=2.0))
+    refused("unit_m: expected none with ripple", lambda: stancekit.terrain("ripple", unit_m=2.0))
+    assert stancekit.terrain(level(), unit_m=1.0, kind=None).area_m2 == over.area_m2  # as the command gives them
+
+
+def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
+    limbs = stancekit.hexapod().limbs
+    four = stancekit.Robot(name="four", mass_kg=10.0, limbs=(limbs[0], limbs[2], limbs[3], limbs[5]))
+    for law in ("ground-3", "wall-3"):
+        refused("robot: expected legs with half-spaces", lambda law=law: stancekit.sample(law, robot=four))
+
+
+def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
+    found = stancekit.plan("stairs", frames=2).plan
+    assert found is not None
+    stancekit.save(found, tmp_path / "plan.json")
+    before = (tmp_path / "plan.json").read_bytes()
+    refused("log: ", lambda: stancekit.run(tmp_path / "plan.json", log=tmp_path / "plan.json"))
+    assert (tmp_path / "plan.json").read_bytes() == before
