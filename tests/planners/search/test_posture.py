@@ -152,16 +152,16 @@ def test_a_projection_without_answer_is_told(truth, programs, monkeypatch):
 @pytest.mark.parametrize("with_box", [True, False])
 def test_a_relaxation_that_was_not_solved_is_told(truth, learned, programs, monkeypatch, with_box):
     problem = truth[0][0]
-    lift, any_of = LiftProgram.solve, McCormick.solve_any
+    lift, any_of = LiftProgram.solve, McCormick.solve_any_of_each
 
     def gave_up(program, scaled):
         return replace(lift(program, scaled), status=ConicStatus.FAILED, bound=0.0)
 
     def unknown(program, scaled, envelopes):
-        return replace(any_of(program, scaled, envelopes), margin=float("nan"))
+        return [replace(each, margin=float("nan")) for each in any_of(program, scaled, envelopes)]
 
     monkeypatch.setattr(LiftProgram, "solve", gave_up)
-    monkeypatch.setattr(McCormick, "solve_any", unknown)
+    monkeypatch.setattr(McCormick, "solve_any_of_each", unknown)
     outcome = TwoStagePlanner(envelopes=learned if with_box else None, programs=programs).solve(problem)
     assert outcome.status is Status.UNDECIDED
     assert outcome.message == "the relaxation was not solved"
