@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from stancekit.envs.learned_selectors import class_envelopes
-from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
@@ -20,18 +19,18 @@ from stancekit.planners.problem.course_json import FORMAT
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.runner.acceptance import Accepted, AcceptedGait
 from stancekit.runner.control.closed_loop import ClosedLoop
-from stancekit.runner.control.envelope_choice import SelectorPolicy
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.replanning import Policy
 from stancekit.runner.log import McapLog, NoLog
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
-from stancekit.runner.safety.heartbeat import HeartbeatMonitor
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import WORLDS, World, WorldSettings
-from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.settings import EstopCheck
 from stancekit.runner.worlds.world import Actuator, Terrain
+
+if TYPE_CHECKING:
+    from stancekit.runner.control.envelope_choice import SelectorPolicy
 
 Progress = Callable[[int, int], None]
 Motion = Plan | Trajectory | Accepted | AcceptedGait
@@ -122,6 +121,9 @@ def run(
         written = NoLog() if log is None else stack.enter_context(McapLog(Path(log)))
         monitor = None
         if arm is not None and isinstance(made, Actuator):
+            from stancekit.runner.safety.heartbeat import HeartbeatMonitor
+            from stancekit.runner.worlds.ros.driver import RosWorld
+
             watched = made.setup if isinstance(made, RosWorld) else None
             monitor = stack.enter_context(HeartbeatMonitor(settings.limits.silent_s, watched))
         runner = Runner(
@@ -181,6 +183,10 @@ def policy_of(name: str | Path, course: Course) -> SelectorPolicy | None:
     """
     if name == LIFT:
         return None
+    from stancekit.envs.learned_selectors import class_envelopes
+    from stancekit.learners.selectors.selector_file import load_selector
+    from stancekit.runner.control.envelope_choice import SelectorPolicy
+
     learned = load_selector(Path(name))
     try:
         policy = SelectorPolicy(learned.selector, class_envelopes(learned))

@@ -51,7 +51,8 @@ VERBS = {
 }  # fmt: skip
 """The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
 COMMANDS = "stancekit.commands"
-"""The group of entry points by which other packages bring commands: NAME = "module:CLASS"."""
+"""The group of entry points by which other packages bring commands: NAME = "module:CLASS". They are looked for where a
+name is none of ours, since to look for them takes as long as all of ``--help``."""
 
 
 class Verb(Protocol):
@@ -95,7 +96,6 @@ def overview() -> str:
     """What ``stancekit --help`` says: a line or two a verb."""
     usage = "usage: stancekit VERB [OPTIONS]; stancekit VERB --help says more"
     briefs = [f"  {name:9} {brief(name)}" for name in VERBS]
-    briefs += [f"  {name:9} {(point.load().__doc__ or '').partition(chr(10))[0]}" for name, point in _others().items()]
     lines = (textwrap.fill(brief, width=80, subsequent_indent=" " * 12) for brief in briefs)
     return "\n".join([usage, "", DESCRIPTION, "", "Verbs:", *lines])
 

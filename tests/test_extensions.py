@@ -124,7 +124,7 @@ def test_a_verifier_group_of_ones_own_refuses_and_is_named():
     assert stancekit.verify(plan).accepted
 
 
-def test_a_command_of_another_package_is_run_listed_and_takes_over_none_of_ours(mine, monkeypatch, capsys):
+def test_a_command_of_another_package_is_run_named_and_takes_over_none_of_ours(mine, monkeypatch, capsys):
     monkeypatch.syspath_prepend(mine.parent)
     points = [EntryPoint("count", "mine:Count", command.COMMANDS), EntryPoint("plan", "mine:Count", command.COMMANDS)]
     monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points if group == command.COMMANDS else [])
@@ -132,5 +132,7 @@ def test_a_command_of_another_package_is_run_listed_and_takes_over_none_of_ours(
         command.main(["count", "--most", "4"])
     assert done.value.code == 0
     assert capsys.readouterr().out == "0 1 2 3\n"
-    assert "count     Count what there is." in command.overview()
+    with pytest.raises(SystemExit):
+        command.main(["cuont"])
+    assert "about, count, got 'cuont'" in capsys.readouterr().err
     assert command._verb("plan").__name__ == "PlanCourse"
