@@ -59,7 +59,7 @@ def simulate(
         InvalidInput: for a motion that the verifier rejects, a schedule that lifts all limbs at once, a world that is
             no simulation, and without pinocchio.
     Source:
-        Paper E §V, Fig. 6 (the execution); a position controller with gravity in its targets.
+        None: a position controller with gravity in its targets.
     Example:
         >>> import stancekit
         >>> outcome = stancekit.plan("walls", frames=2)
@@ -106,7 +106,7 @@ def run(
     Raises:
         InvalidInput: for what cannot be run, before anything moves. What stops it on the way is in the report.
     Source:
-        Paper E §V.
+        None: the guard, the watchdog and the stop latch of ``runner.safety``.
     Example:
         >>> import stancekit
         >>> stancekit.run("plan.json", "mujoco").succeeded  # doctest: +SKIP

@@ -96,7 +96,7 @@ def film(
     Raises:
         InvalidInput: for a file that cannot be written, and where the film's encoder or GL is missing.
     Source:
-        Paper E Fig. 6.
+        None: the motion as it is planned or measured.
     Example:
         >>> import stancekit
         >>> stancekit.film(stancekit.plan("walls", frames=2).plan, "plan.mp4")  # doctest: +SKIP

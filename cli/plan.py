@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -115,16 +116,14 @@ class PlanCourse:
         from stancekit.planners.answer.outcome import Status
         from stancekit.planners.formats.proof_file import write_proof
 
+        begin = time.perf_counter()
         self._check()
         planner, limits = self._planner(), self._limits()
         with progress(f"plan {Path(self.course).stem} by {self.planner}"), self.between.in_options():
-            outcome = plan(
-                self.between.question(self.course, self.frames, self.robot, self.reach),
-                planner,
-                **self.between.asked(self.frames, self.robot, self.reach),
-                body=limits,
-                time_limit_s=self.time_limit_s,
-            )
+            question = self.between.question(self.course, self.frames, self.robot, self.reach)
+            asked = self.between.asked(self.frames, self.robot, self.reach)
+            left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
+            outcome = plan(question, planner, **asked, body=limits, time_limit_s=left_s)
         course, report = outcome.problem, outcome.report
         assert course is not None
         if outcome.plan is not None and report is not None:

@@ -50,7 +50,7 @@ class RunReport:
             it was not; after: commands on their way at that moment, whose write returned up to after_s later.
         load: processes that wanted a processor in the last minute, for each that there is; NaN where nobody says.
     Source:
-        Paper E §V.
+        None: planned against measured.
     Example:
         >>> import stancekit
         >>> report = stancekit.simulate("plan.json")  # doctest: +SKIP

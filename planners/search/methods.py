@@ -316,7 +316,7 @@ class Nlp:
     """The nonlinear program as it is, solved by IPOPT.
 
     Source:
-        Paper E §IV, the baseline NLP.
+        Paper E §IV-A (NLP in Table I).
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -346,7 +346,7 @@ class Decoupled:
     """Positions first and forces after, for courses: a baseline that fails on ice; done long before any time limit.
 
     Source:
-        Paper E §IV-B, the decoupled baseline.
+        None: the common order of planners without forces.
     Example:
         >>> import stancekit
         >>> stancekit.plan("stairs", stancekit.Decoupled(), frames=3).status.value

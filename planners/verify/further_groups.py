@@ -30,8 +30,9 @@ FURTHER: Registry[Group] = Registry(
 
 @cache
 def _of_packages() -> tuple[str, ...]:
-    """The names that other packages brought; what is installed does not change while a process runs."""
-    return FURTHER.names()
+    """The names of entry points; which packages are installed does not change while a process runs."""
+    registered = FURTHER.registered()
+    return tuple(name for name in FURTHER.names() if name not in registered)
 
 
 def further_groups(plan: Plan) -> tuple[GroupViolation, ...]:

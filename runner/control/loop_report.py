@@ -31,7 +31,7 @@ class LoopReport:
         plan_s: spent on planning [s].
         wall_s: by the clock [s].
     Source:
-        Paper E §V.
+        None: planned against measured.
     Example:
         >>> import stancekit
         >>> report = stancekit.run("walls", policy="lift")  # doctest: +SKIP

@@ -48,11 +48,6 @@ class GaitMotion:
         )
 
     @property
-    def content(self) -> Trajectory:
-        """The trajectory."""
-        return self.trajectory
-
-    @property
     def last_frame(self) -> float:
         """The end [s]."""
         return self.seconds

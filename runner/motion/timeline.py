@@ -88,11 +88,6 @@ class PlanMotion:
         self._friction = np.array([patch.friction for patch in patches])
 
     @property
-    def content(self) -> Plan:
-        """The plan."""
-        return self.plan
-
-    @property
     def last_frame(self) -> float:
         """The last key frame."""
         return self.plan.course.frames - 1
