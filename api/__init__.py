@@ -15,6 +15,7 @@ Gymnasium's: ``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``
 
 from __future__ import annotations
 
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from .planners.answer.outcome import Status as Status
     from .planners.answer.plan import Plan as Plan
     from .planners.answer.plan_outcome import PlanOutcome as PlanOutcome
+    from .planners.answer.report import Group as Group
     from .planners.answer.report import Report as Report
     from .planners.answer.trajectory import Trajectory as Trajectory
     from .planners.errors import InvalidInput as InvalidInput
@@ -63,9 +65,7 @@ if TYPE_CHECKING:
     from .planners.terrain.footholds import Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
-    from .planners.verify.certificate import CertificateReport as CertificateReport
     from .planners.verify.explain import Explanation as Explanation
-    from .planners.verify.trajectories import GaitReport as GaitReport
     from .postures import sample as sample
     from .postures import solve as solve
     from .robots import robot as robot
@@ -95,7 +95,7 @@ _HOMES = {
     "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
     "planners.answer.plan": ("Plan",),
     "planners.answer.plan_outcome": ("PlanOutcome",),
-    "planners.answer.report": ("Report",),
+    "planners.answer.report": ("Group", "Report"),
     "planners.answer.trajectory": ("Trajectory",),
     "planners.errors": ("InvalidInput", "StancekitError"),
     "planners.gait.method.portfolio": ("GaitPlan",),
@@ -109,9 +109,7 @@ _HOMES = {
     "planners.terrain.footholds": ("FootholdLimits", "Footholds"),
     "planners.terrain.heightfield": ("HeightField",),
     "planners.terrain.patch": ("Patch",),
-    "planners.verify.certificate": ("CertificateReport",),
     "planners.verify.explain": ("Explanation",),
-    "planners.verify.trajectories": ("GaitReport",),
     "postures": ("sample", "solve"),
     "robots": ("robot",),
     "runner.control.loop_report": ("LoopReport",),
@@ -122,6 +120,8 @@ _HOMES = {
     "walks": ("walk",),
 }
 """Where each name lives: what the imports above say to type checkers, said to the interpreter (compared by a test)."""
+_OLD = {"CertificateReport": "Report", "GaitReport": "Report"}
+"""Names of before, for one release."""
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 
@@ -133,6 +133,9 @@ if not TYPE_CHECKING:  # or a checker would take any name for one that there is
             from importlib.metadata import version
 
             value: Any = version("stancekit")
+        elif name in _OLD:
+            warnings.warn(f"stancekit.{name} is old: stancekit.{_OLD[name]}", DeprecationWarning, stacklevel=2)
+            return __getattr__(_OLD[name])
         elif name in _HOME:
             value = getattr(import_module(f".{_HOME[name]}", __name__), name)
         else:

@@ -9,21 +9,20 @@ from stancekit.learners.data.labelling import RecheckReport, recheck
 from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.verify import (
-    CertificateReport,
     Explanation,
-    Report,
     check_certificate,
     check_plan,
     check_posture,
 )
 from stancekit.planners.verify import explain as explain_proof
-from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
+from stancekit.planners.verify.trajectories import check_trajectory
 
 
 @checked
@@ -72,13 +71,13 @@ def explain(
 
 
 @overload
-def verify(subject: PostureProblem, answer: Posture, *, tolerance: float = 1e-6) -> Report: ...
+def verify(subject: PostureProblem, answer: Posture, *, tolerance: float = 1e-6) -> Report[Posture]: ...
 @overload
-def verify(subject: PostureProblem | Course, answer: Certificate) -> CertificateReport: ...
+def verify(subject: PostureProblem | Course, answer: Certificate) -> Report[Certificate]: ...
 @overload
-def verify(subject: Plan, answer: None = None, *, tolerance: float = 1e-6) -> Report: ...
+def verify(subject: Plan, answer: None = None, *, tolerance: float = 1e-6) -> Report[Plan]: ...
 @overload
-def verify(subject: Trajectory, answer: None = None) -> GaitReport: ...
+def verify(subject: Trajectory, answer: None = None) -> Report[Trajectory]: ...
 @overload
 def verify(subject: Dataset, answer: None = None) -> RecheckReport: ...
 @checked
@@ -87,7 +86,7 @@ def verify(
     answer: Posture | Certificate | None = None,
     *,
     tolerance: float = 1e-6,
-) -> Report | CertificateReport | GaitReport | RecheckReport:
+) -> Report[Posture | Plan | Trajectory | Certificate] | RecheckReport:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
 
     Arguments:

@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 from _bench import Options, launch
 
+from stancekit.planners.answer.report import Report
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import Costs, GaitProgram, GaitSolution
@@ -27,7 +29,7 @@ from stancekit.planners.gait.method.subprocess import solve_in_subprocess
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
-from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
+from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.conformal import flatten
 
 PATIENCE = 10.0
@@ -39,7 +41,7 @@ class Cell:
     """One solve; figures are None for one that gave no answer in time."""
 
     solution: GaitSolution | None
-    report: GaitReport | None
+    report: Report[Trajectory] | None
 
     @property
     def feasible(self) -> bool:

@@ -174,7 +174,7 @@ def ask_bilinear(
     return Said(
         label=answer.label,
         verified=reports[1].accepted,
-        residual_nm=reports[0].residual_nm,
+        residual_nm=reports[0].figures["residual_nm"],
         worst=reports[0].worst,
         ms=ms,
         solver_ms=solver_ms,

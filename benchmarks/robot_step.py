@@ -79,7 +79,7 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
         errors = urdf_errors(model, plan)
         found |= {
             "accepted": checked.accepted, "message": checked.message, "feet": errors.size,
-            "worst_m": float(errors.max()), "torque_share": checked.report.torque.get("share"),
+            "worst_m": float(errors.max()), "torque_share": checked.report.group("torque").figures.get("share"),
         }  # fmt: skip
     return found | decided(model, natural)
 

@@ -126,7 +126,7 @@ def climb(course: Course, path: Path) -> Accepted | str:
             return outcome.message or outcome.status.value
         report = check_plan(outcome.plan, joints=True)
         if not report.accepted:
-            return f"{report.message}; {report.joints_message}"
+            return f"{report.message}; {report.body_message}"
         write_plan(path, outcome.plan, report)
     return Accepted.from_file(path)
 

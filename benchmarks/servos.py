@@ -102,7 +102,7 @@ def planned(path: Path, torque_nm: float, folder: Path | None = None) -> Plan | 
         return outcome.message or outcome.status.value
     report = check_plan(outcome.plan, joints=True)
     if not report.accepted:
-        return f"{report.message}; {report.joints_message}"
+        return f"{report.message}; {report.body_message}"
     if file:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_plan(file, outcome.plan, report)

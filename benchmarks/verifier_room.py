@@ -22,7 +22,7 @@ def main() -> None:
             continue
         for group in report.groups:
             share = group.value / group.limit if group.limit > 1e-6 else 0.0
-            worst[group.group] = max(worst[group.group], (share, path))
+            worst[group.name] = max(worst[group.name], (share, path))
     for name, (share, path) in worst.items():
         print(f"{name:20} {share:6.3f} {path}")
 

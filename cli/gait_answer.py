@@ -151,9 +151,9 @@ def joints(one: Attempted) -> dict[str, Any] | None:
     if one.trajectory.robot.model is None:
         return None
     return {
-        group.group: {"value": group.value, "unit": group.unit, "where": group.where}
+        group.name: {"value": group.value, "unit": group.unit, "where": group.where}
         for group in one.report.groups
-        if group.group in WHOLE_BODY and group.checked
+        if group.name in WHOLE_BODY and group.verdict != "not checked"
     }
 
 
@@ -172,7 +172,7 @@ def advise(task: GaitTask, one: Attempted) -> None:
     from stancekit.planners.gait.method.homotopy import steepest
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
-    wrong = {group.group for group in one.report.groups if group.checked and not group.accepted}
+    wrong = {group.name for group in one.report.refused}
     if wrong and wrong <= set(WHOLE_BODY):
         err.print(
             "only the robot's own legs cannot do it: more time (--duration-s), a walk in place of a trot (--gait walk) "

@@ -209,7 +209,7 @@ class PlanCourse:
             settings = {name: value for name, value in given.items() if name in taken}
             return make_course_planner(self.planner, options, **settings)
 
-    def _write(self, plan: Plan, report: Report) -> None:
+    def _write(self, plan: Plan, report: Report[Plan]) -> None:
         """Write the files that were asked for. report: the verifier's, of this plan."""
         if self.out is not None:
             from stancekit.planners.formats.plan_file import write_plan
@@ -231,7 +231,7 @@ class PlanCourse:
 
             write_page(self.html, PlanView(plan).film(step_s=1.5))
 
-    def _said(self, outcome: PlanOutcome, report: Report) -> Iterator[str]:
+    def _said(self, outcome: PlanOutcome, report: Report[Plan]) -> Iterator[str]:
         """What people are told of a plan, below the table."""
         from stancekit.planners.answer.report import LATE
 
@@ -242,9 +242,9 @@ class PlanCourse:
             yield f"planned with {100 * share:.0f} % of the friction"
         if press := plan.provenance.get("press_share"):
             yield f"every foot that carries presses with {100 * press:.0f} % of the weight or more"
-        yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
+        yield f"verifier: {report.message}; the last key frame is {1e3 * report.figures['goal_m']:.0f} mm from the goal"
         yield from bent_lines(outcome.details)
-        yield report.joints_message
+        yield report.body_message
         if (model := plan.course.robot.model) is not None:
             yield from (f"cannot be run: {line}" for line in model.unrunnable)
         if (at := outcome.message.find(LATE)) >= 0:
@@ -255,7 +255,9 @@ class PlanCourse:
         refused = "" if report.accepted else ", of a plan that the verifier refuses"
         yield from (f"wrote {path}{refused}" for path in self._outputs())
 
-    def _record(self, course: Course, outcome: PlanOutcome, report: Report | None, message: str) -> dict[str, Any]:
+    def _record(
+        self, course: Course, outcome: PlanOutcome, report: Report[Plan] | None, message: str
+    ) -> dict[str, Any]:
         """Everything as one JSON object."""
         from stancekit.planners.answer.report import or_null, plan_arrays
 

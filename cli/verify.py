@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -192,6 +191,7 @@ class Verify:
 
     def _verdict(self, problem: Any, answer: Any, status: str) -> dict[str, Any]:
         from stancekit.planners.answer.outcome import Posture
+        from stancekit.planners.answer.report import or_null
         from stancekit.planners.verify import check_certificate, check_posture, explain
 
         kind = None if answer is None else "posture" if isinstance(answer, Posture) else "certificate"
@@ -205,18 +205,24 @@ class Verify:
             report = check_posture(problem, answer, tolerance=self.tolerance)
             verdict = "accepted" if report.accepted else "refused"
             message = _bare(report.message)
-            if report.exact_reach_m > TOLD_M:
-                message += f"; {1e3 * report.exact_reach_m:.0f} mm out of reach with the exact rotation"
-            return {"verdict": verdict, "kind": "posture", "message": message, "digest": report.digest,
-                    "exact_reach_m": report.exact_reach_m if math.isfinite(report.exact_reach_m) else None,
-                    "residual_nm": report.residual_nm if math.isfinite(report.residual_nm) else None}  # fmt: skip
+            beyond_m = report.figures["exact_reach_m"]
+            if beyond_m > TOLD_M:
+                message += f"; {1e3 * beyond_m:.0f} mm out of reach with the exact rotation"
+            return {
+                "verdict": verdict,
+                "kind": "posture",
+                "message": message,
+                "digest": report.digest,
+                "exact_reach_m": or_null(beyond_m),
+                "residual_nm": or_null(report.figures["residual_nm"]),
+            }
         proof = check_certificate(problem, answer)
         message = _bare(proof.message)
         if self.explain and proof.accepted:
             message += "; " + explain(problem, answer).message
         verdict = "accepted" if proof.accepted else "refused"
         return {"verdict": verdict, "kind": "certificate", "message": message,
-                "lower_bound": min(proof.lower_bound, 1e6), "leaves": proof.leaves}  # fmt: skip
+                "lower_bound": min(proof.figures["lower_bound"], 1e6), "leaves": proof.figures["leaves"]}  # fmt: skip
 
 
 def _status(claim: Any) -> str:

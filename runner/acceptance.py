@@ -22,7 +22,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.joints import joint_report
-from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
+from stancekit.planners.verify.trajectories import check_trajectory
 
 from .worlds.world import Ground, World
 
@@ -103,21 +103,20 @@ class AcceptedGait:
         return Ground(heights=self.trajectory.terrain, friction=friction_share * self.trajectory.friction)
 
 
-def _check_hindrance(report: Report | GaitReport, source: str) -> None:
+def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:
     """Raise InvalidInput for what is accepted and no runner executes."""
     if report.hindrance:
-        what = "plan" if isinstance(report, Report) else "gait"
+        what = "plan" if isinstance(report.answer, Plan) else "gait"
         raise InvalidInput(f"{source}: expected a {what} that can be executed, this one cannot: {report.hindrance}")
 
 
-def _judged(plan: Plan) -> Report:
+def _judged(plan: Plan) -> Report[Plan]:
     """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs of its own."""
     return check_plan(plan, joints=plan.joints_rad is not None or plan.course.robot.model is not None)
 
 
-def _said(report: Report | GaitReport) -> str:
-    joints = report.joints_message if isinstance(report, Report) else ""
-    return f"{report.message}; {joints}" if joints else report.message
+def _said(report: Report[Plan]) -> str:
+    return f"{report.message}; {report.body_message}" if report.body_message else report.message
 
 
 def check_joints(source: str, robot: Robot, world: World) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 import stancekit
 from stancekit.cli import main as command
-from stancekit.planners.answer.report import GroupViolation
+from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.table import RELAXATIONS
@@ -109,7 +109,7 @@ def test_a_verifier_group_of_ones_own_refuses_and_is_named():
     plan = stancekit.plan("walls", frames=2).plan
 
     def low(it):
-        return GroupViolation(group="low", worst=float(it.com_m[:, 2].max()), value=0.0, unit="m", frame=0)
+        return Group(name="low", value=float(it.com_m[:, 2].max()), unit="m", when=0)
 
     assert stancekit.verify(plan).accepted
     further_groups._of_packages.cache_clear()  # as where one is registered before anything was judged
@@ -119,7 +119,7 @@ def test_a_verifier_group_of_ones_own_refuses_and_is_named():
         assert not report.accepted
         assert "low" in report.message
         FURTHER.register("low", lambda it: None)
-        with pytest.raises(InvalidInput, match="verifier group low: expected a GroupViolation, got None"):
+        with pytest.raises(InvalidInput, match="verifier group low: expected a Group, got None"):
             stancekit.verify(plan)
     finally:
         del FURTHER._things["low"]

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.walk_joints import walk_joints
-from stancekit.planners.verify.trajectories import GaitReport
 
 from .camera import Camera, best_view
 from .contact_strip import FILM_PX, draw_contacts, mark_time
@@ -196,7 +196,7 @@ class GaitView:
         ])  # fmt: skip
 
     def film(
-        self, report: GaitReport | None, *, caption: str = "", note: str = "not verified", step_s: float = 0.05
+        self, report: Report[Trajectory] | None, *, caption: str = "", note: str = "not verified", step_s: float = 0.05
     ) -> Motion:
         """The trajectory as a motion, a moment every ``step_s``: footholds stay once a foot came down. note: what is
         said where there is no report."""
@@ -229,7 +229,7 @@ class GaitView:
 @DEFAULT_STYLE
 def draw_motion(
     trajectory: Trajectory,
-    report: GaitReport | None = None,
+    report: Report[Trajectory] | None = None,
     *,
     warp: Warp | None = None,
     caption: str = "",
@@ -262,7 +262,7 @@ def draw_motion(
 
 def motion_frames(
     trajectory: Trajectory,
-    report: GaitReport | None = None,
+    report: Report[Trajectory] | None = None,
     *,
     fps: float = 25.0,
     speed: float = 1.0,
@@ -288,5 +288,5 @@ def motion_frames(
         yield pixels
 
 
-def _refused(report: GaitReport | None) -> bool:
+def _refused(report: Report[Trajectory] | None) -> bool:
     return report is not None and not report.accepted

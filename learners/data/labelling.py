@@ -197,8 +197,8 @@ def recheck(dataset: Dataset) -> RecheckReport:
         elif row.status is Status.INFEASIBLE and row.certificate is not None:
             proof = check_certificate(row.problem, row.certificate, tolerance=plan.gap)
             certificates += 1
-            bounds += [] if row.trivial else [proof.lower_bound]
-            accepted = proof.accepted and proof.lower_bound >= (1.0 - 1e-9) * row.lower_bound
+            bounds += [] if row.trivial else [proof.figures["lower_bound"]]
+            accepted = proof.accepted and proof.figures["lower_bound"] >= (1.0 - 1e-9) * row.lower_bound
         refused += [] if accepted else [index]
     return RecheckReport(
         witnesses=len(residuals),

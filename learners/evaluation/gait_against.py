@@ -30,7 +30,7 @@ def judged(folder: Path, on_progress: Callable[[str, int, int], None] | None = N
         yield {
             "walk": walk.name, "program": keys.program, "robot": walk.trajectory.robot.name, "terrain": keys.terrain,
             "task": keys.task, "verified": report.accepted, "message": report.message,
-            "refused": [group.group for group in report.refused], "cpu_process_s": keys.cpu_process_s,
+            "refused": [group.name for group in report.refused], "cpu_process_s": keys.cpu_process_s,
             "cpu_solver_s": keys.cpu_solver_s, "duration_s": walk.trajectory.duration_s,
             "figures": {name: _finite(value) for name, value in report.figures.items()},
         }  # fmt: skip

@@ -19,6 +19,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, NonNegativeInt, PositiveInt
 
+from stancekit.planners.answer.report import Report
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import LARGEST
 from stancekit.planners.files.documents import read_json
@@ -32,7 +34,7 @@ from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain import reference
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
-from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
+from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
 
 from ..data.executor import processes
@@ -216,12 +218,12 @@ def _planned(cell: Cell, settings: GaitBenchSettings, task: GaitTask) -> dict[st
     }  # fmt: skip
 
 
-def figures(report: GaitReport) -> dict[str, Any]:
+def figures(report: Report[Trajectory]) -> dict[str, Any]:
     """What the verifier measured: its figures, the values of some groups [SI], and what it refuses."""
-    values = {group.group: group.value for group in report.groups if group.group in JUDGED}
+    values = {group.name: group.value for group in report.groups if group.name in JUDGED}
     return {
         "message": report.message,
-        "refused": [group.group for group in report.refused],
+        "refused": [group.name for group in report.refused],
         **{name: _finite(value) for name, value in {**values, **report.figures}.items()},
     }
 

@@ -63,7 +63,7 @@ class PlanOutcome:
     claim: str = ""
     message: str = ""
     details: Mapping[str, float] = field(default_factory=dict)
-    report: Report | None = None
+    report: Report[Plan] | None = None
 
     @property
     def sets(self) -> Sets | None:

@@ -1,24 +1,30 @@
-"""What the verifier says of a posture or of a plan of key frames: groups, verdict, and the digest that goes with it."""
+"""The verifier's word on an answer, as plain values: a group per kind of constraint, and a report of them.
+
+One report and one group are of everything that is judged: postures, plans of key frames, walks, and proofs that there
+is no answer. Judging and explaining are functions of the layers above (``verify``).
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast
 
 from numpy.typing import NDArray
 
 from ..cached import cached_property
-from ..errors import InvalidInput
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..problem.course_json import course_to_json
-from ..robot.urdf import hexapod_urdf, joint_names
-from .outcome import Posture
+from ..robot.urdf import joint_names
+from .hindrance import plan_hindrance, walk_hindrance
+from .outcome import Certificate, Posture
 from .plan import Plan
+from .trajectory import Trajectory
 
 GROUPS = {
     "patch": "m",
@@ -46,144 +52,204 @@ PLAN_GROUPS = {
 """Those of a plan: those of its stances, and what couples its key frames."""
 WHOLE_BODY = ("joints", "torque", "bodies", "motion")
 """Groups of a plan that are of more of the robot than its contacts; motion is bodies between key frames."""
-NOT_ASKED = "not asked for"
-NOBODY_CARRIES = "nobody carries between frames"
 LATE = "the time limit ended"
-"""How the message of a group begins that was not checked since the time had ended."""
+"""The beginning of a group's message where the time ended before the group was checked."""
 OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
 ROUNDING = 1e-12
 """Non-dimensional violations of a plan below this are nobody's fault."""
+S = TypeVar("S", bound=Posture | Plan | Trajectory | Certificate, covariant=True)
+Verdict = Literal["holds", "violated", "not checked", "not asked for"]
+OLD_VERDICTS = {"holds": "checked", "violated": "failed"}
+"""The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
+OLD_NAMES = {"group": "name", "time_s": "when"}
+OLD_FIGURES = (
+    "residual_nm",
+    "between",
+    "proved",
+    "linearisation_m",
+    "exact_reach_m",
+    "goal_m",
+    "lower_bound",
+    "leaves",
+    "weakest",
+)
 
 
 @dataclass(frozen=True, slots=True)
-class GroupViolation:
-    """The worst violation in one group of constraints.
+class Group:
+    """The verifier's word on one group of constraints.
 
-    worst: non-dimensional, 0 when satisfied, inf for what is no posture or plan. value: the same in ``unit`` (SI).
-    frame: the key frame, 0 for a posture, −1 where nothing is violated. limb: empty for the whole body; part: the world
-    axis or the component of the force. share: how far from that frame to the next, 0 at the frame itself.
+    Arguments:
+        name: of the group, one of its report's.
+        value: the worst that was measured, in ``unit``; 0 where nothing is violated, inf where nothing could be
+            measured.
+        limit: largest value that is accepted, in ``unit``.
+        unit: of both, SI; "1" or empty for a share.
+        where: limb, "limb component", foot, joint or link, "torso", or an axis; empty for the whole body.
+        when: key frame, with the share of the way to the next as its fraction, or seconds of a walk; None where the
+            group has no moment.
+        limb: the limb that ``where`` speaks of; empty of anything else.
+        message: why the group is violated or was not checked, in words.
+        scale: the value that is a violation of 1, of a group whose values are violations; None of any other.
+        verdict: "holds", "violated", "not checked" or "not asked for"; the value's against the limit where empty.
+        figures: further measurements, for people and files.
+    Source:
+        E1-E11; W2-W7.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> stancekit.verify(problem, stancekit.solve(problem).posture).group("reach").verdict
+        'holds'
     """
 
-    group: str
-    worst: float
-    value: float
-    unit: str
-    frame: int = -1
+    name: str
+    value: float = 0.0
+    limit: float = 0.0
+    unit: str = ""
+    where: str = ""
+    when: float | None = None
     limb: str = ""
-    part: str = ""
-    share: float = 0.0
+    message: str = ""
+    scale: float | None = None
+    verdict: Verdict | Literal[""] = ""
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.verdict:
+            object.__setattr__(self, "verdict", "holds" if self.value <= self.limit else "violated")
 
     @property
-    def where(self) -> str:
-        """The limb, "limb component" or world axis."""
-        return f"{self.limb} {self.part}".strip()
+    def worst(self) -> float:
+        """The violation without its unit, 0 where there is none: the value in ``scale``, or what of it is beyond the
+        limit, as a share of the limit."""
+        if self.scale is not None:
+            return self.value / self.scale
+        if self.value <= self.limit:
+            return 0.0
+        return (self.value - self.limit) / self.limit if self.limit > 0.0 else math.inf
 
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values; what is not finite becomes null."""
-        numbers = {"worst": or_null(self.worst), "value": or_null(self.value)}
-        place = {"where": self.where, "frame": self.frame, "limb": self.limb, "share": self.share}
-        return {"group": self.group, **numbers, "unit": self.unit, **place}
+    @property
+    def frame(self) -> int:
+        """The key frame, −1 where the group has no moment."""
+        return -1 if self.when is None else math.floor(self.when)
+
+    @property
+    def share(self) -> float:
+        """How far the moment is from its key frame to the next."""
+        return 0.0 if self.when is None else self.when - math.floor(self.when)
+
+    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+        def __getattr__(self, name: str) -> Any:
+            """The names of before, for one release."""
+            if name in ("accepted", "checked"):
+                _warn(f"Group.{name} is old: Group.verdict")
+                return self.verdict in (("holds", "not checked") if name == "accepted" else OLD_VERDICTS)
+            if name not in OLD_NAMES:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            _warn(f"Group.{name} is old: Group.{OLD_NAMES[name]}")
+            return getattr(self, OLD_NAMES[name])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Report:
-    """The verifier's word on one posture, or on one plan.
+class Report(Generic[S]):
+    """The verifier's word on a posture, a plan, a walk, or a proof that there is no answer.
 
     Arguments:
-        accepted: the worst violation is at most the tolerance, and none of joints, torque, bodies and motion failed.
-        worst: largest non-dimensional violation of all groups.
-        groups: the violation of each group of constraints, and where it is worst.
-        tolerance: largest violation that is accepted, non-dimensional.
-        subject: the problem or course that was answered.
+        groups: each group of constraints, with where it is worst.
+        subject: the problem or course that was answered; of a walk None, as the walk says itself what it was asked.
         answer: what was judged.
-        residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
-        between: of plans, the largest violation at the points between frames, by recomputation.
-        proved: of plans, steps from frame to frame on which limbs carry all the way; on the others every limb moves
-            at once, and the course asks for the frames only.
-        linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does, at most ‖Θ‖²/2 of its
-            distance from the centre of mass; reported, and decides nothing [m].
-        exact_reach_m: how far a toe is out of reach with the exact rotation; likewise [m].
-        goal_m: of plans, distance of the last COM from the goal [m].
-        joints, torque, bodies, motion: of plans, the whole body, with a verdict of "checked", "failed", "not checked"
-            or "not asked for".
+        tolerance: largest violation that is accepted, without unit; 0 of a walk, whose groups have limits of their own.
+        figures: further measurements, of which none is judged. Of a posture and a plan: residual_nm, the norm of the
+            net moment about the centre of mass at the worst stance [Nm]; linearisation_m, farthest that I + [Θ]× puts
+            a shoulder from where exp([Θ]×) does [m]; exact_reach_m, how far a toe is out of reach with the exact
+            rotation [m]. Of a plan, too: between, the largest violation at the points between frames; proved, on how
+            many steps from frame to frame limbs carry all the way; goal_m, distance of the last centre of mass from
+            the goal [m]. Of a walk: peak acceleration and balances in units of g and m·g, the friction that the
+            standing feet need and the share of their samples outside their cones. Of a proof: lower_bound, the proved
+            least moment residual; leaves, how many were checked; weakest, the leaf of the least bound.
+        limits: of a walk, what each group was allowed, by name; empty of everything else.
         defect: why there was nothing to check; empty when there was.
     Source:
-        E1-E11.
+        E1-E11; W2-W7, between the knots, too; Lagrangian bounds of E1-E11 of a proof.
     Example:
         >>> import stancekit
-        >>> stancekit.plan("walls", frames=2).report.accepted
-        True
+        >>> report = stancekit.plan("walls", frames=2).report
+        >>> report.accepted, report.group("torque").verdict
+        (True, 'holds')
     """
 
-    accepted: bool
-    worst: float
-    groups: tuple[GroupViolation, ...]
+    groups: tuple[Group, ...]
+    subject: PostureProblem | Course | None = field(repr=False)
+    answer: S = field(repr=False)
     tolerance: float
-    subject: PostureProblem | Course = field(repr=False)
-    answer: Posture | Plan = field(repr=False)
-    residual_nm: float = math.inf
-    between: float = math.inf
-    proved: int = 0
-    linearisation_m: float = math.nan
-    exact_reach_m: float = math.nan
-    goal_m: float = math.nan
-    joints: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
-    torque: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
-    bodies: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
-    motion: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
+    figures: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
     defect: str = ""
-    """Why there was nothing to check; empty when there was."""
+
+    @property
+    def accepted(self) -> bool:
+        """No group is violated, and there was something to check."""
+        return not self.defect and not any(group.verdict == "violated" for group in self.groups)
+
+    @property
+    def worst(self) -> float:
+        """Largest violation of all groups without unit; of a plan, those of contacts."""
+        return max(group.worst for group in self._of_contacts)
 
     @property
     def contacts(self) -> bool:
-        """All of ``groups`` are within the tolerance, whatever the joints can do."""
-        return self.worst <= self.tolerance
+        """Whether a plan's contacts are within the tolerance, whatever the joints can do."""
+        return not self.defect and not any(group.verdict == "violated" for group in self._of_contacts)
+
+    def group(self, name: str) -> Group:
+        """The group of that name; raises KeyError for a name that the report does not have."""
+        for group in self.groups:
+            if group.name == name:
+                return group
+        raise KeyError(f"expected one of {', '.join(group.name for group in self.groups)}, got {name!r}")
+
+    @property
+    def refused(self) -> tuple[Group, ...]:
+        """The groups that are violated, the worst first."""
+        broken = [group for group in self.groups if group.verdict == "violated"]
+        return tuple(sorted(broken, key=lambda g: -g.value / max(g.limit, 1e-12)))
 
     @property
     def checked(self) -> tuple[str, ...]:
-        """What was judged: contacts, and what of the whole body was."""
-        found = [name for name in WHOLE_BODY if getattr(self, name)["verdict"] in ("checked", "failed")]
-        return ("contacts", *found)
+        """The groups that were judged; those of contacts are one, "contacts", of a posture and of a plan."""
+        judged = [group.name for group in self.groups if group.verdict in OLD_VERDICTS]
+        if isinstance(self.answer, Posture | Plan):
+            return ("contacts", *(name for name in judged if name in WHOLE_BODY))
+        return tuple(judged)
 
     @property
     def unchecked(self) -> tuple[str, ...]:
-        """The groups of the whole body that somebody asked for, and that could not be checked."""
-        return tuple(name for name in WHOLE_BODY if getattr(self, name)["verdict"] == "not checked")
+        """The groups that somebody asked for, and that could not be checked."""
+        return tuple(group.name for group in self.groups if group.verdict == "not checked")
 
     @property
     def late(self) -> bool:
-        """Whether some of that was left since the time had ended."""
-        return any(str(getattr(self, name).get("message", "")).startswith(LATE) for name in self.unchecked)
+        """Whether some of them were left since the time had ended."""
+        return any(group.verdict == "not checked" and group.message.startswith(LATE) for group in self.groups)
 
     @cached_property
     def hindrance(self) -> str:
-        """Why no runner executes the plan, whatever the world; empty where one may."""
-        if not isinstance(self.answer, Plan):
-            return ""
-        course = self.answer.course
-        if course.uncarried:
-            return NOBODY_CARRIES
-        if course.has_soles:
-            return "its feet are soles, and only point feet are executed"
-        if course.robot.model is not None:
-            return ""
-        try:
-            _ = hexapod_urdf(course.robot)
-        except InvalidInput as error:
-            return str(error)
-        return ""
+        """Why no runner executes the plan or the walk, whatever the world; empty where one may."""
+        if isinstance(self.answer, Plan):
+            return plan_hindrance(self.answer)
+        return walk_hindrance(self.answer, self.unchecked) if isinstance(self.answer, Trajectory) else ""
 
     @property
-    def joints_message(self) -> str:
-        """What is said of the groups of the whole body that somebody asked for; empty where nobody did."""
+    def body_message(self) -> str:
+        """A line on the groups of a plan's whole body that somebody asked for; empty where nobody did."""
         said = list[tuple[str, str]]()
-        for name in WHOLE_BODY:
-            group = getattr(self, name)
-            verdict = "NOT CHECKED" if group["verdict"] == "not checked" else group["verdict"]
-            reason = f" ({group['message']})" if group.get("message") else ""
-            if verdict == NOT_ASKED:
+        for group in self._of_body:
+            if group.verdict == "not asked for":
                 continue
+            name, verdict = group.name, OLD_VERDICTS.get(group.verdict, "NOT CHECKED")
+            reason = f" ({group.message})" if group.message else ""
             if reason and said and said[-1][1] == verdict + reason:
                 name = f"{said.pop()[0]}, {name}"
             said.append((name, verdict + reason))
@@ -191,44 +257,45 @@ class Report:
 
     @property
     def failures(self) -> str:
-        """What of the whole body failed, and why; empty where nothing did."""
-        groups = {name: getattr(self, name) for name in WHOLE_BODY}
-        return "; ".join(f"{name}: {of['message']}" for name, of in groups.items() if of["verdict"] == "failed")
-
-    @property
-    def _cannot(self) -> str:
-        """Why a plan whose contacts hold is none."""
-        collide = "failed" in (self.bodies["verdict"], self.motion["verdict"])
-        cannot = any(getattr(self, name)["verdict"] == "failed" for name in ("joints", "torque"))
-        return " and ".join(["the joints cannot do it"] * cannot + ["bodies collide"] * collide)
+        """The groups of the whole body that failed, and why; empty where nothing did."""
+        failed = [group for group in self._of_body if group.verdict == "violated"]
+        return "; ".join(f"{group.name}: {group.message}" for group in failed)
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of subject, answer, tolerance, verdict and what was checked, as canonical JSON: what the runner asks
-        for."""
+        """SHA-256 of question, answer, verdict and what was checked, as canonical JSON: what a runner asks for."""
         if isinstance(self.answer, Plan):
             return plan_digest(self.answer, self.tolerance, self.accepted, self.checked)
+        if isinstance(self.answer, Trajectory):
+            content = {"limits": dict(self.limits), "accepted": self.accepted, "defect": self.defect}
+            content["checked"] = list(self.checked)
+            return _sha256(content if self.defect else {**content, "trajectory": self.answer.digest})
         of = {"problem": self.subject.to_json()} if isinstance(self.subject, PostureProblem) else {}
-        return _digest({**of, "posture": self.answer.to_json()}, self.tolerance, self.accepted)
+        kind = "posture" if isinstance(self.answer, Posture) else "certificate"
+        return _digest({**of, kind: self.answer.to_json()}, self.tolerance, self.accepted)
 
     @property
     def message(self) -> str:
         """One line: the verdict, what was not checked, the worst group, where and by how much, and what hinders its
         execution."""
-        if not self.accepted:
-            return self._worst("rejected")
-        line = self._worst(acceptance_word(self.unchecked))
-        return f"{line}; cannot be executed: {self.hindrance}" if self.hindrance else line
-
-    def _worst(self, verdict: str) -> str:
-        """The verdict and the worst group."""
-        then = "; " if " as far as " in verdict else ": "
         if self.defect:
-            return f"{verdict}: {self.defect}"
+            return f"rejected: {self.defect}"
+        if isinstance(self.answer, Certificate):
+            return self.groups[0].message
+        line = self._walk_line() if isinstance(self.answer, Trajectory) else self._contacts_line()
+        return f"{line}; cannot be executed: {self.hindrance}" if self.accepted and self.hindrance else line
+
+    def _contacts_line(self) -> str:
+        """The verdict on a posture or a plan, and its worst group."""
         of_plan = isinstance(self.answer, Plan)
+        verdict = acceptance_word(self.unchecked) if self.accepted else "rejected"
+        then = "; " if " as far as " in verdict else ": "
         if self.contacts and not self.accepted:
-            return f"{verdict}: contacts hold, {self._cannot}"
-        group = max(self.groups, key=lambda g: g.worst)
+            failed = {group.name for group in self.refused}
+            reasons = {"the joints cannot do it": {"joints", "torque"}, "bodies collide": {"bodies", "motion"}}
+            words = " and ".join(reason for reason, names in reasons.items() if names & failed)
+            return f"{verdict}: contacts hold, {words}"
+        group = max(self._of_contacts, key=lambda g: g.worst)
         if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
             balanced = of_plan and cast("Plan", self.answer).course.uncarried
             return verdict + then + ("balanced in every frame" if balanced else "no constraint is violated")
@@ -238,29 +305,98 @@ class Report:
             if group.share:
                 place += f", {group.share:.0%} of the way to frame {group.frame + 1}"
         size = f"off by {group.value:.3g} {group.unit}" if group.unit else "nobody there carries as the schedule says"
-        return f"{verdict}{then}worst is {group.group}{f' ({place})' if place else ''}, {size}"
+        return f"{verdict}{then}worst is {group.name}{f' ({place})' if place else ''}, {size}"
+
+    def _walk_line(self) -> str:
+        """The verdict on a walk, and the group that breaks its limit most."""
+        if self.accepted:
+            within = f"{len(self.groups) - len(self.unchecked)} groups within their limits"
+            return f"{acceptance_word(self.unchecked)}; {within}" if self.unchecked else f"accepted: all {within}"
+        first, *rest = self.refused
+        when = "" if first.when is None else f" at {first.when:.3f} s"
+        where = f" ({first.where})" if first.where else ""
+        unit = "" if first.unit == "1" else f" {first.unit}"
+        also = f"; also {', '.join(group.name for group in rest)}" if rest else ""
+        return f"rejected: {first.name}{where} {first.value:.3g}{unit}{when}, limit {first.limit:.3g}{unit}{also}"
+
+    @property
+    def _of_body(self) -> list[Group]:
+        """The groups of a plan's whole body."""
+        return [g for g in self.groups if g.name in WHOLE_BODY] if isinstance(self.answer, Plan) else []
+
+    @property
+    def _of_contacts(self) -> list[Group]:
+        """All groups but those of a plan's whole body."""
+        return [g for g in self.groups if g.name not in WHOLE_BODY or not isinstance(self.answer, Plan)]
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""
-        of_plan = isinstance(self.answer, Plan)
-        numbers = ["worst", "tolerance", "residual_nm"]
-        numbers += ["between"] * of_plan + ["linearisation_m", "exact_reach_m"] + ["goal_m"] * of_plan
+        if isinstance(self.answer, Certificate):
+            return {"accepted": self.accepted, **_finite(self.figures), "message": self.message}
+        head = {"accepted": self.accepted, "message": self.message, "digest": self.digest}
+        if isinstance(self.answer, Trajectory):
+            return {
+                **head,
+                "checked": list(self.checked),
+                "not_checked": list(self.unchecked),
+                "groups": [_walk_group(group) for group in self.groups],
+                "figures": _finite(self.figures),
+                "limits": dict(self.limits),
+            }
+        body = {group.name: body_json(group) for group in self._of_body}
+        proved = {"proved": int(self.figures["proved"]), "checked": list(self.checked)} if body else {}
         return {
-            "accepted": self.accepted,
-            "message": self.message,
-            "digest": self.digest,
-            **{name: or_null(getattr(self, name)) for name in numbers},
-            **(
-                {
-                    "proved": self.proved,
-                    "checked": list(self.checked),
-                    **{name: dict(getattr(self, name)) for name in WHOLE_BODY},
-                }
-                if of_plan
-                else {}
-            ),
-            "groups": [group.to_json() for group in self.groups],
+            **head,
+            "worst": or_null(self.worst),
+            "tolerance": or_null(self.tolerance),
+            **_finite({name: value for name, value in self.figures.items() if name != "proved"}),
+            **proved,
+            **body,
+            "groups": [_contact_group(group) for group in self._of_contacts],
         }
+
+    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+        def __getattr__(self, name: str) -> Any:
+            """The names of before, for one release."""
+            if name in WHOLE_BODY:
+                _warn(f"Report.{name} is old: Report.group({name!r})")
+                return body_json(self.group(name))
+            if name in OLD_FIGURES and name in self.figures:
+                _warn(f"Report.{name} is old: Report.figures[{name!r}]")
+                return self.figures[name]
+            if name in ("joints_message", "trajectory"):
+                new = {"joints_message": "body_message", "trajectory": "answer"}[name]
+                _warn(f"Report.{name} is old: Report.{new}")
+                return getattr(self, new)
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
+def body_json(group: Group) -> dict[str, Any]:
+    """A group of a plan's whole body as files and ``--json`` have it."""
+    verdict = OLD_VERDICTS.get(group.verdict, group.verdict)
+    said = {"message": group.message} if group.message or group.verdict in OLD_VERDICTS else {}
+    return {"verdict": verdict, **said, **group.figures}
+
+
+def _contact_group(group: Group) -> dict[str, Any]:
+    """A group of a posture's or a plan's contacts."""
+    numbers = {"worst": or_null(group.worst), "value": or_null(group.value)}
+    place = {"where": group.where, "frame": group.frame, "limb": group.limb, "share": group.share}
+    return {"group": group.name, **numbers, "unit": group.unit, **place}
+
+
+def _walk_group(group: Group) -> dict[str, Any]:
+    """A group of a walk."""
+    return {
+        "group": group.name,
+        "value": or_null(group.value),
+        "limit": group.limit,
+        "unit": group.unit,
+        "where": group.where,
+        "time_s": group.when,
+        "not_checked": group.message if group.verdict == "not checked" else "",
+    }
 
 
 def acceptance_word(unchecked: Sequence[str]) -> str:
@@ -272,31 +408,14 @@ def acceptance_word(unchecked: Sequence[str]) -> str:
     return f"accepted as far as checked: {names} not"
 
 
-def refused(
-    subject: PostureProblem | Course,
-    answer: Posture | Plan,
-    tolerance: float,
-    defect: str,
-    *,
-    frame: int = -1,
-    limb: str = "",
-) -> Report:
-    """The report on what is no posture or plan of the subject at all: every group is violated without bound.
-
-    defect: what is wrong, in words. frame, limb: where, −1 and empty where it is nowhere in particular.
-    """
-    groups = PLAN_GROUPS if isinstance(answer, Plan) else GROUPS
-    return Report(
-        accepted=False, worst=math.inf, tolerance=tolerance, subject=subject, answer=answer, defect=defect,
-        groups=tuple(GroupViolation(name, math.inf, math.inf, unit, frame, limb) for name, unit in groups.items()),
-    )  # fmt: skip
-
-
 def plan_digest(plan: Plan, tolerance: float, accepted: bool, checked: Sequence[str] = ("contacts",)) -> str:
     """SHA-256 of a verdict on a plan and of all that it speaks of, in hexadecimal.
 
-    tolerance, accepted: the verdict. checked: what was judged, contacts alone or joints and bodies, too. Course, arrays
-    and verdict go in as sorted JSON: a change of any of them gives another digest.
+    Arguments:
+        plan: what was judged; course and arrays go in as sorted JSON, so that a change of any gives another digest.
+        tolerance: of the verdict, without unit.
+        accepted: the verdict.
+        checked: what was judged, contacts alone or joints and bodies, too.
     """
     numbers = {name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()}
     more = {} if tuple(checked) == ("contacts",) else {"checked": list(checked)}
@@ -304,8 +423,13 @@ def plan_digest(plan: Plan, tolerance: float, accepted: bool, checked: Sequence[
 
 
 def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:
-    whole = {**content, "tolerance": tolerance, "accepted": accepted}
-    return hashlib.sha256(json.dumps(whole, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    """The digest of a question, its answer and the verdict."""
+    return _sha256({**content, "tolerance": tolerance, "accepted": accepted})
+
+
+def _sha256(content: Mapping[str, Any]) -> str:
+    """SHA-256 of canonical JSON, in hexadecimal."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def plan_shapes(course: Course) -> dict[str, tuple[int, ...]]:
@@ -338,3 +462,13 @@ def plan_arrays(plan: Plan) -> dict[str, NDArray[Any] | None]:
 def or_null(number: float) -> float | None:
     """The number, or None where it is not finite: JSON has no other."""
     return number if math.isfinite(number) else None
+
+
+def _finite(figures: Mapping[str, float]) -> dict[str, float | None]:
+    """Figures as JSON-ready values."""
+    return {name: or_null(value) for name, value in figures.items()}
+
+
+def _warn(message: str) -> None:
+    """Say how something is spelled now, at the line that spelled it otherwise."""
+    warnings.warn(message, DeprecationWarning, stacklevel=3)

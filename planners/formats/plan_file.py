@@ -59,7 +59,7 @@ class FileCheck:
     the format of a file that says less of its robot than files do now, empty else."""
 
     path: str
-    report: Report
+    report: Report[Plan]
     same: bool
     unfounded: tuple[str, ...] = ()
     older: str = ""
@@ -72,7 +72,7 @@ class FileCheck:
     @property
     def message(self) -> str:
         """One line."""
-        parts = [self.report.message, *filter(None, [self.report.joints_message])]
+        parts = [self.report.message, *filter(None, [self.report.body_message])]
         if not self.same:
             parts.append("the file claims another verdict")
         if self.unfounded:
@@ -104,7 +104,7 @@ def plan_paths(path: str | Path) -> tuple[Path, Path]:
     return path.with_suffix(".json"), path.with_suffix(".npz")
 
 
-def write_plan(path: str | Path, plan: Plan, report: Report) -> None:
+def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
     """Write NAME.json, whole or not at all.
 
     report: what the verifier said of this very plan; a plan that it rejected is written with ``verified: false``.
@@ -196,8 +196,8 @@ def check_file(
         raise InvalidInput(f"{path}: expected a plan of that course, got one of another: {other}")
     said = header["verdict"]
     report = check_plan(plan, tolerance=tolerance, joints=joints)
-    listed = {name: getattr(report, name)["verdict"] for name in WHOLE_BODY if name in said.get("checked", ())}
-    found = report.contacts and "failed" not in listed.values()
+    listed = {name: report.group(name).verdict for name in WHOLE_BODY if name in said.get("checked", ())}
+    found = report.contacts and "violated" not in listed.values()
     same = found == said["accepted"] == header["verified"]
     unfounded = [name for name in OF_JOINTS if listed.get(name) == "not checked"] if find_spec("pinocchio") else []
     bare = own is not None and any(shape.kind == "mesh" for shape in own.shapes)

@@ -20,7 +20,7 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from ..problem.course_json import course_from_json, course_to_json
 from ..problem.posture import FORMAT as POSTURE
-from ..verify import CertificateReport, check_certificate, explain
+from ..verify import Report, check_certificate, explain
 
 FORMAT = "stancekit/proof/1"
 OLD = "stancekit/no-plan/1"
@@ -35,7 +35,7 @@ class ProofCheck:
     path: str
     kind: str
     name: str
-    proof: CertificateReport
+    proof: Report[Certificate]
     reason: str
 
     @property
@@ -55,7 +55,7 @@ class ProofCheck:
             "kind": self.kind,
             "verdict": "accepted" if self.accepted else "refused",
             "message": self.message,
-            "leaves": self.proof.leaves,
+            "leaves": self.proof.figures["leaves"],
         }
 
 

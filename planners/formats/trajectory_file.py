@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from ..answer.report import Report
 from ..answer.trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
 from ..errors import InvalidInput
 from ..files.archive import read_archive, unpacked
@@ -28,7 +29,7 @@ from ..files.validation import shown, validated
 from ..files.writing import check_writable, write_text
 from ..robot.model_json import robot_numbers
 from ..terrain.heightfield import HeightField
-from ..verify.trajectories import GaitReport, check_trajectory
+from ..verify.trajectories import check_trajectory
 
 if TYPE_CHECKING:
     from ..robot.single_body import GaitRobot
@@ -48,14 +49,14 @@ class Record:
     verdict: Mapping[str, Any]
 
 
-def write_trajectory(path: str | Path, trajectory: Trajectory, report: GaitReport) -> None:
+def write_trajectory(path: str | Path, trajectory: Trajectory, report: Report[Trajectory]) -> None:
     """Write NAME.json, whole or not at all; ``verified`` is the report's verdict.
 
     Raises InvalidInput for a name that does not end in .json, for a report of another trajectory, and where nothing
     can be written.
     """
     check_name(path)
-    if report.trajectory.digest != trajectory.digest:
+    if report.answer.digest != trajectory.digest:
         raise InvalidInput("report: expected the verdict on this trajectory, got one on another")
     header = {
         "format": FORMAT,
@@ -104,7 +105,7 @@ def read_trajectory(path: str | Path) -> Record:
     return Record(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
 
 
-def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> GaitReport:
+def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> Report[Trajectory]:
     """Read a trajectory and verify it again, by the usual limits, whatever the file says.
 
     robot: the one that the file's has to be; without it the file is believed what its robot is. Raises InvalidInput for

@@ -103,14 +103,14 @@ class Acceptance:
         residual = residual_nm = float("nan")
         if claim.found is not None:
             report = check_posture(problem, claim.found, tolerance=self.tolerance)
-            residual, residual_nm = report.worst, report.residual_nm
+            residual, residual_nm = report.worst, report.figures["residual_nm"]
             if report.accepted:
                 status = Status.FEASIBLE
             else:
                 message = message or f"witness refused: {report.message}"
         if claim.certificate is not None and status is Status.UNDECIDED:
             proof = check_certificate(problem, claim.certificate, tolerance=self.gap)
-            lower_bound = proof.lower_bound
+            lower_bound = proof.figures["lower_bound"]
             if proof.accepted:
                 status, message = Status.INFEASIBLE, GIVEN.format(problem.robot) if problem.robot else ""
             else:

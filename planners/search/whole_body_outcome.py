@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from ..answer.outcome import Status
+from ..answer.plan import Plan
 from ..answer.plan_outcome import PlanOutcome
 from ..answer.report import LATE
 from ..errors import InvalidInput, TimeEnded, check_time
@@ -61,7 +62,7 @@ def with_whole_body(
     )
 
 
-def _reason(report: Report, *, bent: bool) -> str:
+def _reason(report: Report[Plan], *, bent: bool) -> str:
     """Why a plan is not accepted, or not yet. bent: whether there was time for that."""
     if not report.contacts:
         return report.message

@@ -7,9 +7,8 @@ and ``check_certificates``, give numbers in place of reports. No solver takes pa
 
 from ..answer.report import GROUPS as GROUPS
 from ..answer.report import PLAN_GROUPS as PLAN_GROUPS
-from ..answer.report import GroupViolation as GroupViolation
+from ..answer.report import Group as Group
 from ..answer.report import Report as Report
-from .certificate import CertificateReport as CertificateReport
 from .certificate import check_certificate as check_certificate
 from .certificate import check_certificates as check_certificates
 from .explain import Explanation as Explanation

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..answer.plan import Plan
-from ..answer.report import LATE
+from ..answer.report import LATE, Group
 from ..errors import InvalidInput
 from ..files.arrays import Array
 
@@ -58,21 +58,29 @@ class BodyReport:
         where = f"frame {self.frame:.3g}" if self.frame % 1.0 else f"frame {self.frame:.0f}"
         return f"{where}: {self.worst.link} is {1e3 * self.worst.depth_m:.3g} mm inside {self.worst.other}{more}"
 
-    def to_json(self) -> dict[str, Any]:
-        """A group of a report, JSON-ready."""
+    def group(self, name: str) -> Group:
+        """The group of a report with that name."""
+        depth_m = 0.0 if self.worst is None else self.worst.depth_m
         worst = None
         if self.worst is not None:
             worst = {"frame": self.frame, "link": self.worst.link, "other": self.worst.other}
-        verdict = "failed" if self.message else "not checked" if self.missing else "checked"
-        return {
-            "verdict": verdict,
-            "message": self.message or "; ".join(self.missing),
-            "postures": self.postures,
-            "hit": self.hit,
-            "depth_m": 0.0 if self.worst is None else self.worst.depth_m,
-            "worst": worst,
-            "drawn_so": [list(pair) for pair in self.drawn_so],
-        }
+        return Group(
+            name=name,
+            value=depth_m,
+            limit=0.0,
+            unit="m",
+            where="" if self.worst is None else self.worst.link,
+            when=None if self.worst is None else self.frame,
+            message=self.message or "; ".join(self.missing),
+            verdict="violated" if self.message else "not checked" if self.missing else "holds",
+            figures={
+                "postures": self.postures,
+                "hit": self.hit,
+                "depth_m": depth_m,
+                "worst": worst,
+                "drawn_so": [list(pair) for pair in self.drawn_so],
+            },
+        )
 
 
 def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
@@ -142,7 +150,7 @@ def _report(
 
 def check_bodies(
     plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf
-) -> dict[str, Mapping[str, Any]]:
+) -> tuple[Group, ...]:
     """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad], and, where limbs carry
     between them, ``motion``, of the path through them where they are the plan's own.
 
@@ -156,20 +164,20 @@ def check_bodies(
 
     bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
     keys = bodies_report(bodies, enumerate(key_postures(plan, angles)), deadline=deadline)
-    found: dict[str, Mapping[str, Any]] = {"bodies": keys.to_json()}
+    found = keys.group("bodies")
     if plan.course.uncarried:
-        return found  # nobody asks for a motion
+        return (found,)  # nobody asks for a motion
     unchecked = NO_ANGLES if plan.joints_rad is None else LATE if time.perf_counter() > deadline else ""
     if unchecked:
-        return found | {"motion": {"verdict": "not checked", "message": unchecked}}
+        return found, Group("motion", unit="m", message=unchecked, verdict="not checked")
     try:
         path = PlanPath(plan)
         moments, postures = JointPath(path, solver).judged()
     except InvalidInput as error:
-        return found | {"motion": {"verdict": "not checked", "message": str(error)}}
+        return found, Group("motion", unit="m", message=str(error), verdict="not checked")
     astray = _astray(plan, moments.frame, postures.error_m) if postures.error_m.max() > STRAY_M else ""
     motion = motion_report(bodies, path_bodies(path, moments, postures), astray, deadline=deadline)
-    return found | {"motion": motion.to_json()}
+    return found, motion.group("motion")
 
 
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..answer.outcome import Certificate
+from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import PostureProblem
@@ -28,41 +27,9 @@ GAP = 1e-4
 """The moment residual that the certificate of a posture has to prove unless another is asked for, non-dimensional."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CertificateReport:
-    """Whether a certificate refutes a posture problem or a course.
-
-    Arguments:
-        accepted: every leaf of its tree is refuted.
-        lower_bound: proved least moment residual (largest component over force scale times length scale), the worst
-            leaf's; inf where the leaf needs no moment balance.
-        leaves: how many were checked.
-        weakest: the leaf of the least bound, −1 without one.
-        message: the verdict in one line.
-    Source:
-        Lagrangian bounds of E1-E11 at every leaf.
-    Example:
-        >>> import stancekit
-        >>> problem = stancekit.sample("wall-3", rng=8)[0]
-        >>> stancekit.verify(problem, stancekit.solve(problem).certificate).accepted
-        True
-    """
-
-    accepted: bool
-    lower_bound: float
-    leaves: int
-    weakest: int
-    message: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values; an infinite bound becomes null."""
-        bound = self.lower_bound if math.isfinite(self.lower_bound) else None
-        return {**vars(self), "lower_bound": bound}
-
-
 def check_certificate(
     subject: PostureProblem | Course, certificate: Certificate, *, tolerance: float | None = None
-) -> CertificateReport:
+) -> Report[Certificate]:
     """Replay the certificate's tree and bound the moment residual at every leaf; never raises for a bad certificate.
 
     Accepted when every leaf's bound exceeds ``tolerance`` (non-dimensional moment, not below 0); unless told, that is
@@ -75,7 +42,7 @@ def check_certificate(
     try:
         replayed = forest.replay(0, certificate)
     except InvalidInput as error:
-        return CertificateReport(accepted=False, lower_bound=0.0, leaves=0, weakest=-1, message=f"rejected: {error}")
+        return _report(subject, certificate, tolerance, 0.0, 0, -1, f"rejected: {error}")
     bounds = leaf_bounds(forest.numbers, forest.leaves({0: replayed}))
     weakest, leaves = int(np.argmin(bounds)), len(bounds)
     bound = float(bounds[weakest])
@@ -87,7 +54,34 @@ def check_certificate(
     else:
         scale = subject.weight_n * subject.length_scale_m if isinstance(subject, Course) else subject.moment_scale_nm
         message = f"refuted at all leaves ({leaves}): {bound * scale:.3g} Nm of moment or more are left over"
-    return CertificateReport(accepted=accepted, lower_bound=bound, leaves=leaves, weakest=weakest, message=message)
+    return _report(subject, certificate, tolerance, bound, leaves, weakest, message)
+
+
+def _report(
+    subject: PostureProblem | Course,
+    certificate: Certificate,
+    tolerance: float,
+    bound: float,
+    leaves: int,
+    weakest: int,
+    message: str,
+) -> Report[Certificate]:
+    """The report on a proof: one group, the least bound of its leaves, which has to exceed the tolerance."""
+    group = Group(
+        name="bound",
+        value=bound,
+        limit=tolerance,
+        where=f"leaf {weakest}" if weakest >= 0 else "",
+        message=message,
+        verdict="holds" if bound > max(tolerance, 0.0) else "violated",
+    )
+    return Report(
+        groups=(group,),
+        subject=subject,
+        answer=certificate,
+        tolerance=tolerance,
+        figures={"lower_bound": bound, "leaves": leaves, "weakest": weakest},
+    )
 
 
 def check_certificates(problems: Sequence[PostureProblem], certificates: Sequence[Certificate]) -> Array:

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..answer.hindrance import NOBODY_CARRIES
 from ..answer.plan import Plan
-from ..answer.report import LATE, NOBODY_CARRIES, NOT_ASKED, WHOLE_BODY
+from ..answer.report import LATE, WHOLE_BODY, Group
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course
@@ -70,51 +71,72 @@ class JointReport:
         """What is wrong, in one line; empty where nothing is."""
         return "; ".join(filter(None, (self.postures_message, self.torque_message)))
 
-    def to_json(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The groups ``joints`` and ``torque`` of a report, JSON-ready."""
-        wrong = self.postures_message
-        joints = {
-            "verdict": "failed" if wrong else "checked",
-            "message": wrong,
-            "error_m": float(self.error_m.max()),
-            "limit_rad": float(self.limit_rad.max()),
-            "shift_m": float(self.shift_m.max()),
-            "worst": {"error": _place(self.worst_error), "limit": _place(self.worst_limit)},
-        }
-        verdict = "failed" if self.torque_message else "not checked" if self.unlimited else "checked"
-        torque = {
-            "verdict": verdict,
-            "message": self.torque_message or "; ".join(self.unlimited),
-            "torque_nm": float(self.torque_nm.max()),
-            "share": self.share,
-            "worst": _place(self.worst_torque),
-        }
+    @property
+    def groups(self) -> tuple[Group, Group]:
+        """The groups ``joints`` and ``torque`` of a report."""
+        frame, limb = self.worst_error
+        joints = Group(
+            name="joints",
+            value=float(self.error_m.max()),
+            limit=REACHED_M,
+            unit="m",
+            where=limb,
+            limb=limb,
+            when=frame,
+            message=self.postures_message,
+            verdict="violated" if self.postures_message else "holds",
+            figures={
+                "error_m": float(self.error_m.max()),
+                "limit_rad": float(self.limit_rad.max()),
+                "shift_m": float(self.shift_m.max()),
+                "worst": {"error": _place(self.worst_error), "limit": _place(self.worst_limit)},
+            },
+        )
+        frame, limb = self.worst_torque
+        torque = Group(
+            name="torque",
+            value=self.share,
+            limit=1.0,
+            unit="1",
+            where=limb,
+            limb=limb,
+            when=frame,
+            message=self.torque_message or "; ".join(self.unlimited),
+            verdict="violated" if self.torque_message else "not checked" if self.unlimited else "holds",
+            figures={
+                "torque_nm": float(self.torque_nm.max()),
+                "share": self.share,
+                "worst": _place(self.worst_torque),
+            },
+        )
         return joints, torque
 
 
-def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> dict[str, Mapping[str, Any]]:
-    """Can the robot do it? Groups ``joints``, ``torque``, ``bodies`` and ``motion``, each with a verdict (checked,
-    failed or not checked), a message, and what was measured. Nothing is checked without pinocchio, or where the legs
-    are not known, and no bodies without coal; a motion is not asked for where nobody carries between frames.
+def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, ...]:
+    """Can the robot do it? Groups ``joints``, ``torque``, ``bodies`` and ``motion``.
 
-    deadline: when to stop (``time.perf_counter()``); what was not looked at by then is not checked.
+    Nothing is checked without pinocchio, or where the legs are not known, and no bodies without coal; a motion is not
+    asked for where nobody carries between frames.
+
+    Arguments:
+        plan: to judge.
+        deadline: when to stop (``time.perf_counter()``); groups that were not looked at by then are not checked.
     """
     from ..robot.kinematics import Kinematics  # slow to import
 
-    found = dict[str, Mapping[str, Any]]()
+    found = dict[str, Group]()
     if plan.course.uncarried:
-        found["motion"] = {"verdict": NOT_ASKED, "message": NOBODY_CARRIES}
+        found["motion"] = Group("motion", unit="m", message=NOBODY_CARRIES, verdict="not asked for")
     try:
         if time.perf_counter() > deadline:
             raise InvalidInput(LATE)
         solver = Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
         report = joint_report(plan, solver=solver)
-        found["joints"], found["torque"] = report.to_json()
-        found |= check_bodies(plan, report.angles, solver, deadline=deadline)
+        found["joints"], found["torque"] = report.groups
+        found |= {group.name: group for group in check_bodies(plan, report.angles, solver, deadline=deadline)}
     except InvalidInput as error:
-        unchecked = {"verdict": "not checked", "message": str(error)}
-        found = {name: found.get(name, unchecked) for name in WHOLE_BODY}
-    return found
+        return tuple(found.get(name, Group(name, message=str(error), verdict="not checked")) for name in WHOLE_BODY)
+    return tuple(found[name] for name in WHOLE_BODY)
 
 
 def joint_report(

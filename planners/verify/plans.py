@@ -16,13 +16,11 @@ Half-spaces of reach are bilinear in Θ and c; their largest value on the way is
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from ..answer.plan import Plan
-from ..answer.report import NOT_ASKED, PLAN_GROUPS, WHOLE_BODY, GroupViolation, Report, refused
+from ..answer.report import PLAN_GROUPS, WHOLE_BODY, Group, Report
 from ..files.arrays import Array
 from ..terrain.patch import Patch
 from .defects import plan_defect
@@ -31,12 +29,14 @@ from .geometry import contact_frames, cross, exact_and_linear, length, patch_dis
 from .ground import off_terrain
 from .half_spaces import beyond, bowed, reach_rows, relative_rows
 from .joints import check_whole_body
-from .postures import NOTHING, worst_groups
+from .postures import refused, violation, worst_groups
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
+NOT_ASKED = tuple(Group(name, verdict="not asked for") for name in WHOLE_BODY)
+"""The whole body where nobody asks for it."""
 
 
 def check_plan(
@@ -46,7 +46,7 @@ def check_plan(
     joints: bool = False,
     between: bool = True,
     deadline: float = math.inf,
-) -> Report:
+) -> Report[Plan]:
     """Check every constraint of the course at the plan; never raises for a bad plan.
 
     tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
@@ -58,18 +58,16 @@ def check_plan(
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
-    groups = {name: {"verdict": NOT_ASKED} for name in WHOLE_BODY} | (
-        check_whole_body(plan, deadline=deadline) if joints else {}
-    )
+    body = check_whole_body(plan, deadline=deadline) if joints else NOT_ASKED
     with np.errstate(all="ignore"):
-        return _Sweep(plan).report(tolerance, groups, BETWEEN if between else ())
+        return _Sweep(plan, tolerance).report(body, BETWEEN if between else ())
 
 
 class _Sweep:
     """A plan's stances, and the points on its ways, measured at once."""
 
-    def __init__(self, plan: Plan) -> None:
-        self._plan, self._course = plan, plan.course
+    def __init__(self, plan: Plan, tolerance: float) -> None:
+        self._plan, self._course, self._tolerance = plan, plan.course, tolerance
         self._names = plan.course.robot.limb_names
         self._who = Schedule.of_course(plan.course)
         self._shoulders = np.array([limb.shoulder_m for limb in plan.course.robot.limbs])
@@ -85,8 +83,9 @@ class _Sweep:
         if self._points:
             self._on_soles(regions)
         length_m = min(plan.course.length_scale_m, LARGEST_UNIT_M)
-        self._units = {"m": length_m, "N": plan.course.weight_n, "rad": 1.0, "": 1.0}
-        self._found = dict(NOTHING)
+        weight = plan.course.weight_n
+        self._units = {"m": length_m, "N": weight, "Nm": weight * length_m, "rad": 1.0, "": 1.0}
+        self._found = {name: self._group(name, 0.0) for name in PLAN_GROUPS}
 
     def _on_soles(self, regions: list[Patch]) -> None:
         """Forces are those at the points of soles, and these where yaw and centre put them, near to what is claimed."""
@@ -100,8 +99,13 @@ class _Sweep:
             self._offsets[p, : len(its)] = its
             self._off_patch[p] = off_sole(patch, regions[p], its, plan.toes_m[p], plan.points_m[p])
 
-    def report(self, tolerance: float, groups: Mapping[str, Mapping[str, Any]], shares: tuple[float, ...]) -> Report:
-        """The report on all groups. groups: what ``check_whole_body`` says."""
+    def report(self, body: tuple[Group, ...], shares: tuple[float, ...]) -> Report[Plan]:
+        """The report on all groups.
+
+        Arguments:
+            body: the groups of the whole body, as ``check_whole_body`` has them.
+            shares: of the way from one frame to the next, at which it is recomputed.
+        """
         ways = self._ways()
         between = self._stances(ways, shares)
         self._bowed(ways)
@@ -109,17 +113,20 @@ class _Sweep:
         self._stands()
         self._steps()
         bent, exact_m = self._linearisation()
-        found = (*self._found.values(), *further_groups(self._plan))
-        worst = max(group.worst for group in found)
         return Report(
-            accepted=worst <= tolerance and all(group["verdict"] != "failed" for group in groups.values()), worst=worst,
-            groups=found, tolerance=tolerance, subject=self._course,
-            answer=self._plan, residual_nm=self._found["moment_balance"].value,
-            between=between if shares else math.nan, proved=len(ways), linearisation_m=bent, exact_reach_m=exact_m,
-            goal_m=float(length(self._plan.com_m[-1] - self._course.goal_m)),
-            joints=groups["joints"], torque=groups["torque"], bodies=groups["bodies"],
-            motion=groups["motion"],
-        )  # fmt: skip
+            groups=(*self._found.values(), *further_groups(self._plan), *body),
+            subject=self._course,
+            answer=self._plan,
+            tolerance=self._tolerance,
+            figures={
+                "residual_nm": self._found["moment_balance"].value,
+                "between": between if shares else math.nan,
+                "linearisation_m": bent,
+                "exact_reach_m": exact_m,
+                "goal_m": float(length(self._plan.com_m[-1] - self._course.goal_m)),
+                "proved": len(ways),
+            },
+        )
 
     def _stances(self, ways: list[tuple[int, int, int, list[int]]], shares: tuple[float, ...]) -> float:
         """Measure the stances and ``shares`` of the ways; returns the largest violation on the ways.
@@ -146,7 +153,7 @@ class _Sweep:
             limb, point = np.concatenate([who.limb, limb[of_stances:][nth]]), np.concatenate([point, more])
         at = self._measured(frame, share, owner, limb, point, (before, after))
         found = violations(at)
-        self._found |= worst_groups(at, found, frame, share, limb, self._names)
+        self._found |= worst_groups(at, found, frame, share, limb, self._names, self._tolerance)
         if not len(limbs):
             return 0.0
         along = worst_of(at, found)[stances:]
@@ -282,13 +289,16 @@ class _Sweep:
         """Note the worst of some violations in SI; what is 0 or less is none, what is no number is."""
         if not len(values):
             return
-        at, unit = int(values.argmax()), PLAN_GROUPS[group]
-        value = float(values[at])
-        worst = value / self._units[unit]
-        worst = worst if worst == worst else math.inf
-        if worst > self._found[group].worst:
-            name = "" if limb is None else self._names[int(limb[at])]
-            self._found[group] = GroupViolation(group, worst, value, unit, int(frame[at]), name)
+        at = int(values.argmax())
+        name = "" if limb is None else self._names[int(limb[at])]
+        found = self._group(group, float(values[at]), name, int(frame[at]))
+        if found.worst > self._found[group].worst:
+            self._found[group] = found
+
+    def _group(self, name: str, value: float, limb: str = "", frame: int | None = None) -> Group:
+        """A group of what couples frames."""
+        unit = PLAN_GROUPS[name]
+        return violation(name, value, self._units[unit], self._tolerance, unit=unit, limb=limb, when=frame)
 
     def _linearisation(self) -> tuple[float, float]:
         """How far I + [Θ]× misplaces a shoulder, and how far a toe is out of reach with exp([Θ]×) [m]."""

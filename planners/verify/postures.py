@@ -7,19 +7,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from ..answer.outcome import Posture
-from ..answer.report import GROUPS, PLAN_GROUPS, GroupViolation, Report, refused
+from ..answer.plan import Plan
+from ..answer.report import GROUPS, PLAN_GROUPS, WHOLE_BODY, Group, Report
 from ..files.arrays import Array
 from ..problem import PostureProblem
+from ..problem.course import Course
 from .defects import posture_defect
 from .geometry import exact_and_linear, length
 from .half_spaces import row_counts
 from .soles import counts_of
 from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
 
+Answered = TypeVar("Answered", bound=Posture | Plan)
 PARTS = {
     "force_balance": ("x", "y", "z"),
     "moment_balance": ("x", "y", "z"),
@@ -27,11 +31,9 @@ PARTS = {
     "force_bounds": ("n", "y", "z"),
 }
 """What the columns of a group are called."""
-NOTHING = {group: GroupViolation(group, 0.0, 0.0, unit) for group, unit in PLAN_GROUPS.items()}
-"""Groups in which nothing is violated."""
 
 
-def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float = 1e-6) -> Report:
+def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float = 1e-6) -> Report[Posture]:
     """Check every constraint of the problem at the posture; never raises for a bad posture.
 
     tolerance: largest violation allowed in any group, with lengths in the length scale, forces in the force scale,
@@ -44,17 +46,19 @@ def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float
         at = Stances.of_postures((problem,), (posture,))
         limb = Schedule.of_posture(row_counts(problem.contacts), counts_of(problem.contacts)).limb
         zeros = np.zeros(len(limb), dtype=np.intp)
-        groups = worst_groups(at, violations(at), zeros, zeros, limb, problem.legs)
-    worst = max(group.worst for group in groups.values())
-    if not math.isfinite(worst):
+        groups = worst_groups(at, violations(at), zeros, zeros, limb, problem.legs, tolerance)
+    if not all(math.isfinite(group.value) for group in groups.values()):
         return refused(problem, posture, tolerance, "the numbers overflow")
     exact, linear = exact_and_linear(at.rotation_rad[at.owner], at.shoulders_m)
     out = length(at.toes_m - at.com_m[at.owner] - exact) - at.reach_m
+    figures = {
+        "residual_nm": groups["moment_balance"].value,
+        "linearisation_m": float(length(exact - linear).max()),
+        "exact_reach_m": max(0.0, float(out.max())),
+    }
     return Report(
-        accepted=worst <= tolerance, worst=worst, groups=tuple(groups.values()), tolerance=tolerance, subject=problem,
-        answer=posture, residual_nm=groups["moment_balance"].value, linearisation_m=float(length(exact - linear).max()),
-        exact_reach_m=max(0.0, float(out.max())),
-    )  # fmt: skip
+        groups=tuple(groups.values()), subject=problem, answer=posture, tolerance=tolerance, figures=figures
+    )
 
 
 def check_postures(
@@ -77,9 +81,24 @@ def check_postures(
 
 
 def worst_groups(
-    at: Stances, found: dict[str, Array], frame: Index, share: Array | Index, limb: Index, names: Sequence[str]
-) -> dict[str, GroupViolation]:
-    """The worst violation of every group and where it is. frame, share: of each stance; limb: of each contact."""
+    at: Stances,
+    found: dict[str, Array],
+    frame: Index,
+    share: Array | Index,
+    limb: Index,
+    names: Sequence[str],
+    tolerance: float,
+) -> dict[str, Group]:
+    """The worst violation of every group and where it is.
+
+    Arguments:
+        at: the stances.
+        found: their ``violations``.
+        frame, share: key frame of each stance, and how far it is on the way to the next.
+        limb: of each contact, an index of ``names``.
+        names: of the limbs.
+        tolerance: largest violation that is accepted, without unit.
+    """
     worst, units = {}, units_of(at)
     for group, unit in GROUPS.items():
         values = found[group]
@@ -91,13 +110,92 @@ def worst_groups(
             row, column = divmod(int(values.argmax()), values.shape[1] if values.ndim == 2 else 1)
             value = float(values[row] if values.ndim == 1 else values[row, column])
         stance = int(at.owner[row]) if group in OF_CONTACTS else row
+        scale = float(units[unit][stance])
         if value <= 0.0:
-            worst[group] = NOTHING[group]
+            worst[group] = violation(group, 0.0, scale, tolerance, unit=unit)
             continue
-        size = value / float(units[unit][stance])
-        worst[group] = GroupViolation(
-            group, size if size == size else math.inf, value, unit, int(frame[stance]),
-            names[limb[row]] if group in OF_CONTACTS else "",
-            PARTS[group][column] if group in PARTS else "", float(share[stance]),
-        )  # fmt: skip
+        worst[group] = violation(
+            group,
+            value,
+            scale,
+            tolerance,
+            unit=unit,
+            limb=names[limb[row]] if group in OF_CONTACTS else "",
+            part=PARTS[group][column] if group in PARTS else "",
+            when=float(frame[stance] + share[stance]),
+        )
     return worst
+
+
+def violation(
+    name: str,
+    value: float,
+    scale: float,
+    tolerance: float,
+    *,
+    unit: str,
+    limb: str = "",
+    part: str = "",
+    when: float | None = None,
+) -> Group:
+    """A group whose value is a violation, judged without its unit; no number is a violation without bound.
+
+    Arguments:
+        name: of the group.
+        value: the violation, 0 or less where there is none, in ``unit``.
+        scale: the violation that counts as 1, in ``unit``.
+        tolerance: largest violation that is accepted, without unit.
+        unit, limb, when: as of ``Group``.
+        part: component of the force or axis of the world; empty where there is none.
+    """
+    value = value if value == value else math.inf
+    holds = value / scale <= tolerance
+    return Group(
+        name=name,
+        value=value,
+        limit=tolerance * scale,
+        unit=unit,
+        where=f"{limb} {part}".strip(),
+        limb=limb,
+        when=when,
+        scale=scale,
+        verdict="holds" if holds else "violated",
+    )
+
+
+def refused(
+    subject: PostureProblem | Course,
+    answer: Answered,
+    tolerance: float,
+    defect: str,
+    *,
+    frame: int = -1,
+    limb: str = "",
+) -> Report[Answered]:
+    """The report on what is no posture or plan of the subject at all: every group is violated without bound.
+
+    Arguments:
+        subject: problem or course.
+        answer: what was to be judged.
+        tolerance: as of ``Report``.
+        defect: what is wrong, in words.
+        frame, limb: where it is, −1 and empty where it is nowhere in particular.
+    """
+    when = None if frame < 0 else float(frame)
+    figures = {"residual_nm": math.inf, "linearisation_m": math.nan, "exact_reach_m": math.nan}
+    of_plan = isinstance(answer, Plan)
+    if of_plan:
+        figures |= {"between": math.inf, "goal_m": math.nan, "proved": 0}
+    body = [Group(name, verdict="not asked for") for name in WHOLE_BODY if of_plan]
+    violated = [
+        violation(name, math.inf, 1.0, tolerance, unit=unit, limb=limb, when=when)
+        for name, unit in (PLAN_GROUPS if of_plan else GROUPS).items()
+    ]
+    return Report(
+        groups=(*violated, *body),
+        subject=subject,
+        answer=answer,
+        tolerance=tolerance,
+        figures=figures,
+        defect=defect,
+    )

@@ -6,18 +6,13 @@ differences, cones and depths at the true surface, whose normals it takes from h
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict
 
 import numpy as np
 
-from ..answer.report import acceptance_word
+from ..answer.report import Group, Report
 from ..answer.trajectory import Trajectory
-from ..cached import cached_property
 from ..physics import GRAVITY_M_S2
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS
@@ -26,140 +21,14 @@ from .trajectory_measurements import TrajectoryMeasurements
 from .trajectory_momentum import MomentumMeasurements
 from .trajectory_series import Rows
 from .trajectory_steps import StepMeasurements
-from .trajectory_whole_body import hindrance, nothing, whole_body
+from .trajectory_whole_body import nothing, whole_body
 
 TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
-__all__ = ["GROUPS", "GaitReport", "GroupViolation", "Limits", "check_trajectory"]
+__all__ = ["GROUPS", "Limits", "check_trajectory"]
 
 
-@dataclass(frozen=True, slots=True)
-class GroupViolation:
-    """The worst in one group: value and limit in ``unit`` (SI), inf for a trajectory that is none.
-
-    where: the foot, "torso", or the axis; time_s: when [s], NaN where the group has no moment. checked: False where the
-    trajectory does not say what it is asked for, or of which robot's legs; unchecked says why.
-    """
-
-    group: str
-    value: float
-    limit: float
-    unit: str
-    where: str
-    time_s: float
-    unchecked: str = ""
-
-    @property
-    def checked(self) -> bool:
-        """Whether it was."""
-        return not self.unchecked
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the value keeps the limit."""
-        return self.value <= self.limit
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GaitReport:
-    """The verifier's word on one walk.
-
-    Arguments:
-        accepted: no group that was checked is violated beyond its limit.
-        groups: the violation of each group of constraints, its unit, and where it is worst.
-        limits: what each group may come to.
-        trajectory: what was judged.
-        figures: further measurements, none of them judged: peak acceleration and balances in units of g and m·g, the
-            friction that the standing feet need and the share of their samples outside their cones.
-        defect: why the walk could not be checked at all; empty when it could.
-    Source:
-        W2-W7, between the knots, too.
-    Example:
-        >>> import numpy as np, stancekit
-        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-        >>> found = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled")
-        >>> stancekit.verify(found.trajectory).accepted
-        True
-    """
-
-    accepted: bool
-    groups: tuple[GroupViolation, ...]
-    limits: Limits
-    trajectory: Trajectory = field(repr=False)
-    figures: Mapping[str, float] = field(default_factory=dict)
-    defect: str = ""
-    """Why the trajectory could not be checked at all; empty when it could."""
-
-    @cached_property
-    def digest(self) -> str:
-        """SHA-256 of trajectory, limits, the groups that were checked, and verdict: what a runner asks for."""
-        content = {"limits": asdict(self.limits), "accepted": self.accepted, "defect": self.defect}
-        content["checked"] = [group.group for group in self.groups if group.checked]
-        if not self.defect:
-            content["trajectory"] = self.trajectory.digest
-        return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-
-    @property
-    def unchecked(self) -> tuple[str, ...]:
-        """The groups that could not be checked."""
-        return tuple(group.group for group in self.groups if not group.checked)
-
-    @cached_property
-    def hindrance(self) -> str:
-        """Why no runner executes the walk, whatever the world; empty where one may.
-
-        Of a robot without a model, the runner asks the servos of the world what the verifier cannot know.
-        """
-        return hindrance(self.trajectory, self.unchecked)
-
-    @property
-    def refused(self) -> tuple[GroupViolation, ...]:
-        """The groups that break their limits, the worst first."""
-        broken = [group for group in self.groups if not group.accepted]
-        return tuple(sorted(broken, key=lambda g: -g.value / max(g.limit, 1e-12)))
-
-    @property
-    def message(self) -> str:
-        """One line: the verdict, the worst group, where, when and by how much."""
-        if self.defect:
-            return f"rejected: {self.defect}"
-        if self.accepted:
-            within = f"{len(self.groups) - len(self.unchecked)} groups within their limits"
-            line = f"{acceptance_word(self.unchecked)}; {within}" if self.unchecked else f"accepted: all {within}"
-            return f"{line}; cannot be executed: {self.hindrance}" if self.hindrance else line
-        first, *rest = self.refused
-        when = "" if math.isnan(first.time_s) else f" at {first.time_s:.3f} s"
-        where = f" ({first.where})" if first.where else ""
-        unit = "" if first.unit == "1" else f" {first.unit}"
-        also = f"; also {', '.join(group.group for group in rest)}" if rest else ""
-        return f"rejected: {first.group}{where} {first.value:.3g}{unit}{when}, limit {first.limit:.3g}{unit}{also}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values; what is not finite becomes null."""
-        return {
-            "accepted": self.accepted,
-            "message": self.message,
-            "digest": self.digest,
-            "checked": [g.group for g in self.groups if g.checked],
-            "not_checked": list(self.unchecked),
-            "groups": [
-                {
-                    "group": g.group,
-                    "value": _or_null(g.value),
-                    "limit": g.limit,
-                    "unit": g.unit,
-                    "where": g.where,
-                    "time_s": _or_null(g.time_s),
-                    "not_checked": g.unchecked,
-                }
-                for g in self.groups
-            ],
-            "figures": {name: _or_null(value) for name, value in self.figures.items()},
-            "limits": asdict(self.limits),
-        }
-
-
-def check_trajectory(trajectory: Trajectory, limits: Limits = Limits(), *, body: bool = True) -> GaitReport:
+def check_trajectory(trajectory: Trajectory, limits: Limits = Limits(), *, body: bool = True) -> Report[Trajectory]:
     """Check everything between the knots that a robot would have to live with; never raises for a bad trajectory.
 
     body: judge joints, torques and bodies, too, of a robot that has a model; that takes most of the time.
@@ -172,16 +41,17 @@ def check_trajectory(trajectory: Trajectory, limits: Limits = Limits(), *, body:
         groups = _measured(measured, limits, body=body)
         if not all(math.isfinite(group.value) for group in groups):
             return _refused(trajectory, limits, "the numbers overflow")
-        return GaitReport(
-            accepted=all(group.accepted for group in groups),
+        return Report(
             groups=groups,
-            limits=limits,
-            trajectory=trajectory,
+            subject=None,
+            answer=trajectory,
+            tolerance=0.0,
             figures=measured.figures(limits.cone),
+            limits=asdict(limits),
         )
 
 
-def _measured(measured: TrajectoryMeasurements, limits: Limits, *, body: bool) -> tuple[GroupViolation, ...]:
+def _measured(measured: TrajectoryMeasurements, limits: Limits, *, body: bool) -> tuple[Group, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
     own, unasked = whole_body(measured, limits) if body else nothing("not asked for")
     rows = _balances(measured, limits) | _contacts(measured, limits) | _whole(measured, limits) | own
@@ -190,8 +60,19 @@ def _measured(measured: TrajectoryMeasurements, limits: Limits, *, body: bool) -
     for group, unit in GROUPS.items():
         series, limit, *rms = rows[group]
         worst, where, time_s = series.worst()
-        value = rms[0] if rms else worst
-        found.append(GroupViolation(group, value, limit, unit, where, time_s, unasked.get(group, "")))
+        value, reason = rms[0] if rms else worst, unasked.get(group, "")
+        found.append(
+            Group(
+                name=group,
+                value=value,
+                limit=limit,
+                unit=unit,
+                where=where,
+                when=None if math.isnan(time_s) else time_s,
+                message=reason,
+                verdict="not checked" if reason and value <= limit else "",
+            )
+        )
     return tuple(found)
 
 
@@ -271,10 +152,8 @@ def _whole(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
     }
 
 
-def _refused(trajectory: Trajectory, limits: Limits, defect: str) -> GaitReport:
-    groups = tuple(GroupViolation(group, math.inf, 0.0, unit, "", math.nan) for group, unit in GROUPS.items())
-    return GaitReport(accepted=False, groups=groups, limits=limits, trajectory=trajectory, defect=defect)
-
-
-def _or_null(number: float) -> float | None:
-    return number if math.isfinite(number) else None
+def _refused(trajectory: Trajectory, limits: Limits, defect: str) -> Report[Trajectory]:
+    groups = tuple(Group(group, math.inf, 0.0, unit) for group, unit in GROUPS.items())
+    return Report(
+        groups=groups, subject=None, answer=trajectory, tolerance=0.0, limits=asdict(limits), defect=defect
+    )

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..answer.hindrance import WALK_BODY as WHOLE_BODY
 from ..answer.trajectory import STEP_S
+
+__all__ = ["GROUPS", "WHOLE_BODY", "Limits"]
 
 GROUPS = {
     "rotation": "1",
@@ -53,8 +56,6 @@ GROUPS = {
     "bodies": "m",
 }
 """The groups in the order of a report, and the unit of what is measured; ``docs/verifier.md`` has their formulas."""
-WHOLE_BODY = ("joints", "joint_speed", "torque", "legs_moment", "bodies")
-"""Those of them that ask for a model of the robot's legs."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,16 +14,14 @@ import numpy as np
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..robot.legged import walking_robot
 from .bodies import motion_report, spaced
 from .trajectory_limits import WHOLE_BODY, Limits
 from .trajectory_measurements import TrajectoryMeasurements
 from .trajectory_series import Rows, Series
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
-    from ..answer.trajectory import Trajectory
     from ..motion.walk_joints import WalkPostures
     from ..robot.overlaps import WholeBody
 
@@ -32,27 +30,6 @@ def nothing(why: str) -> tuple[Rows, dict[str, str]]:
     """None of the groups of ``WHOLE_BODY`` measured, and why."""
     rows: Rows = {name: (Series(np.zeros((0, 0)), (), np.zeros(0)), 0.0) for name in WHOLE_BODY}
     return rows, dict.fromkeys(WHOLE_BODY, why)
-
-
-def hindrance(walk: Trajectory, unchecked: Sequence[str]) -> str:
-    """Why no runner executes a walk, whatever the world; empty where one may.
-
-    Arguments:
-        walk: the trajectory.
-        unchecked: names of the groups that could not be checked. Of a robot without a model the groups of
-            ``WHOLE_BODY`` are no hindrance: the runner asks the servos of the world.
-    """
-    left = [name for name in unchecked if walk.robot.model is not None or name not in WHOLE_BODY]
-    if left:
-        return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'} not checked"
-    if walk.adhesive.any():
-        names = np.array(walk.robot.foot_names)[walk.adhesive]
-        return f"no world has feet that stick, as {', '.join(names)} do"
-    try:
-        walking_robot(walk.robot)
-    except InvalidInput as error:
-        return str(error)
-    return ""
 
 
 def whole_body(measured: TrajectoryMeasurements, limits: Limits) -> tuple[Rows, dict[str, str]]:

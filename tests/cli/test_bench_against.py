@@ -49,7 +49,7 @@ def folder(tmp_path) -> Path:
 
 
 def verdicts(trajectory: Trajectory) -> dict[str, float]:
-    return {group.group: group.value for group in check_trajectory(trajectory).groups}
+    return {group.name: group.value for group in check_trajectory(trajectory).groups}
 
 
 def test_a_table_is_judged_as_the_walk_it_was_written_of(folder):
@@ -71,7 +71,7 @@ def test_an_archive_says_the_same_and_a_foot_that_is_pushed_stands(folder):
     np.savez(folder / "stands.npz", **arrays, forces_n=forces)
     walk = read_walk(folder / "stands.yaml")
     assert walk.trajectory.contact.sum(axis=0).tolist() == [0, own.samples, own.samples, own.samples]
-    refused = {group.group for group in check_trajectory(walk.trajectory).refused}
+    refused = {group.name for group in check_trajectory(walk.trajectory).refused}
     assert "force_balance" in refused
 
 
@@ -81,7 +81,7 @@ def test_a_forged_table_is_refused_by_the_check_not_believed(folder):
     high = [",".join([*row.split(",")[:3], repr(0.9), *row.split(",")[4:]]) for row in text[1:]]
     (folder / "stands.csv").write_text("\n".join([text[0], *high]))
     report = check_trajectory(read_walk(folder / "stands.yaml").trajectory)
-    assert "reach" in {group.group for group in report.refused}
+    assert "reach" in {group.name for group in report.refused}
 
 
 def test_all_walks_of_a_folder_are_judged_beside_our_cells(folder, tmp_path, capsys):

@@ -114,10 +114,10 @@ def verdict(forged: Strung) -> tuple[bool, str]:
     """The verifier's, and the group that refused it."""
     if isinstance(forged.answer, Trajectory):
         walk = check_trajectory(forged.answer)
-        return walk.accepted, walk.refused[0].group if walk.refused else walk.defect
+        return walk.accepted, walk.refused[0].name if walk.refused else walk.defect
     report = check_plan(forged.answer, joints=True)
-    groups = {"bodies": report.bodies, "motion": report.motion}
-    return report.accepted, next((name for name, of in groups.items() if of["verdict"] == "failed"), report.message)
+    broken = [group.name for group in report.refused if group.name in ("bodies", "motion")]
+    return report.accepted, broken[0] if broken else report.message
 
 
 KINDS: dict[str, Callable[[float, np.random.Generator], Strung]] = {

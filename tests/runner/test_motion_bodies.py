@@ -83,13 +83,14 @@ def test_a_motion_through_something_is_refused_before_anything_moves(plan: Plan)
     lit, bare = replace(whole, course=course), replace(plan, course=course)
     assert check_plan(lit).accepted
     report = check_plan(lit, joints=True)
-    assert report.motion["verdict"] == "failed"
-    assert report.motion["worst"]["link"] == "body"
-    shift = report.joints["shift_m"]  # the runner keeps the whole robot's centre of mass on the path, not the base
-    assert report.motion["depth_m"] == pytest.approx(0.006, abs=shift)
+    assert report.group("motion").verdict == "violated"
+    assert report.group("motion").figures["worst"]["link"] == "body"
+    # the runner keeps the whole robot's centre of mass on the path, not the base
+    shift = report.group("joints").figures["shift_m"]
+    assert report.group("motion").figures["depth_m"] == pytest.approx(0.006, abs=shift)
     assert shift < 0.015
-    assert 0.0 < report.motion["worst"]["frame"] <= plan.course.frames - 1
-    assert check_plan(whole, joints=True).motion["verdict"] == "checked"
+    assert 0.0 < report.group("motion").figures["worst"]["frame"] <= plan.course.frames - 1
+    assert check_plan(whole, joints=True).group("motion").verdict == "holds"
     with pytest.raises(InvalidInput, match=r"sign: expected a plan that the verifier accepts, .* bodies collide"):
         Accepted.verified(lit, "sign")
     runner = Runner(MemoryWorld())

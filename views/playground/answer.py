@@ -38,7 +38,7 @@ class Answer:
     status: Status | None = None
     plan: Plan | None = None
     message: str = ""
-    report: Report | None = None
+    report: Report[Plan] | None = None
     patient: bool = False
     share: float = 1.0
     seconds: tuple[float, float] = (0.0, 0.0)

@@ -127,14 +127,13 @@ def _words(answer: Answer) -> tuple[str, str, str]:
     return UNSURE, "Undecided", f"{answer.message}{more}"
 
 
-def _accepted(report: Report) -> str:
+def _accepted(report: Report[Plan]) -> str:
     """What was judged, and what could not be."""
-    groups = {name: getattr(report, name)["verdict"] for name in WHOLE_BODY}
-    done = ["contacts", *(name for name in groups if groups[name] == "checked")]
+    done = ["contacts", *(name for name in WHOLE_BODY if report.group(name).verdict == "holds")]
     finding = report.message.removeprefix(acceptance_word(report.unchecked)).lstrip(":; ")
     words = f"{finding}. Judged: {', '.join(done)}."
-    if len(done) <= len(groups):
-        words += f" {report.joints_message}."
+    if len(done) <= len(WHOLE_BODY):
+        words += f" {report.body_message}."
     return words[0].upper() + words[1:]
 
 
@@ -187,7 +186,7 @@ def summary(answer: Answer) -> str:
         ("planned with", f"{100 * answer.share:.0f} % of the friction"),
         ("ends", f"{to_goal:.0f} mm from the goal, after {course.frames} key frames"),
     ]
-    if answer.report is not None and (most := answer.report.torque.get("share")) is not None:
+    if answer.report is not None and (most := answer.report.group("torque").figures.get("share")) is not None:
         rows.insert(2, ("torque in hand", f"{100 * (1 - float(most)):.0f} % at least"))
     return key_values(rows)
 

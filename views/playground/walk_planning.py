@@ -12,12 +12,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps, plan_gait
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.verify.trajectories import GaitReport
 
 ITERATIONS, TOTAL_S = 80, 120.0
 """Of a solve, and CPU time of all solves of a walk [s]."""
@@ -31,7 +31,7 @@ class WalkAnswer:
     message: str
     seconds: float
     trajectory: Trajectory | None = None
-    report: GaitReport | None = None
+    report: Report[Trajectory] | None = None
 
     @property
     def accepted(self) -> bool:

@@ -11,9 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ...answer.report import Report
 from ...answer.trajectory import STEP_S, Trajectory
 from ...files.arrays import Array
-from ...verify.trajectories import GaitReport, check_trajectory
+from ...verify.trajectories import check_trajectory
 from ...warp.conformal import flatten
 from ...warp.spline_map import SplineMap
 from ..charts import CHARTS
@@ -75,7 +76,7 @@ class Attempted:
     attempt: Attempt
     solution: GaitSolution
     trajectory: Trajectory
-    report: GaitReport
+    report: Report[Trajectory]
     iterations: int
     seconds: float
     history: Array

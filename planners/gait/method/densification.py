@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...answer.report import Report
+from ...answer.trajectory import Trajectory
 from ...files.arrays import Array
-from ...verify.trajectories import GaitReport
 from ...verify.trajectory_measurements import TrajectoryMeasurements
 from ..constraints.bodies import Overlaps, apart
 from ..constraints.dynamics import dynamics
@@ -82,12 +83,12 @@ class DenseProgram(GaitProgram):
         super().__init__(base.task, settings, structure, [*terms(structure), *half_way(structure, checks)])
 
 
-def densified(program: GaitProgram, report: GaitReport) -> DenseProgram | None:
+def densified(program: GaitProgram, report: Report[Trajectory]) -> DenseProgram | None:
     """The program with what a refused trajectory asks for; None where no more rows would help."""
     settings = tightened(program.settings, report)
     band = BAND
     checks = found = flaws(program, report, band)
-    while BALANCES & {group.group for group in report.refused} and not found.balance.any() and band > LEAST_BAND:
+    while BALANCES & {group.name for group in report.refused} and not found.balance.any() and band > LEAST_BAND:
         band *= 0.5  # a window adds up what no moment shows
         checks = found = flaws(program, report, band)
     if isinstance(program, DenseProgram):
@@ -97,9 +98,9 @@ def densified(program: GaitProgram, report: GaitReport) -> DenseProgram | None:
     return DenseProgram(program, settings, checks)
 
 
-def tightened(settings: GaitSettings, report: GaitReport) -> GaitSettings:
+def tightened(settings: GaitSettings, report: Report[Trajectory]) -> GaitSettings:
     """Settings with more in hand where the report's groups break their limits."""
-    missed = {group.group: group.value for group in report.refused}
+    missed = {group.name: group.value for group in report.refused}
     if "trunk" in missed:
         before = settings.trunk_clearance_m
         clearance = 0.02 if before is None else before + missed["trunk"] + 0.002
@@ -115,9 +116,9 @@ def tightened(settings: GaitSettings, report: GaitReport) -> GaitSettings:
     return settings
 
 
-def flaws(program: GaitProgram, report: GaitReport, band: float = BAND) -> Checks:
+def flaws(program: GaitProgram, report: Report[Trajectory], band: float = BAND) -> Checks:
     """In which steps of the program's grid a trajectory's balances and reach are off."""
-    measured, broken = TrajectoryMeasurements(report.trajectory), {group.group for group in report.refused}
+    measured, broken = TrajectoryMeasurements(report.answer), {group.name for group in report.refused}
     steps, feet = program.structure.nodes - 1, program.structure.feet
     balance, arms = np.zeros(steps, dtype=bool), np.zeros((steps, feet), dtype=bool)
     if broken & BALANCES:
@@ -127,7 +128,7 @@ def flaws(program: GaitProgram, report: GaitReport, band: float = BAND) -> Check
             balance[_steps(series.times_s[off], program)] = True
     if "reach" in broken:
         series = measured.reach()
-        samples, columns = np.nonzero(series.values > 0.5 * report.limits.reach_m)
+        samples, columns = np.nonzero(series.values > 0.5 * report.limits["reach_m"])
         arms[_steps(series.times_s[samples], program), columns] = True
     loads = leg_loads(program.structure, report) if "torque" in broken else None
     overlaps = leg_overlaps(program.structure, report) if "bodies" in broken else None

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from ...answer.report import Report
+from ...answer.trajectory import Trajectory
 from ...files.arrays import Array
 from ...robot.inverse_kinematics import descend
 from ...robot.leg import Leg
-from ...verify.trajectories import GaitReport
 from ...verify.trajectory_measurements import TrajectoryMeasurements
 from ...verify.trajectory_whole_body import WholeBodyMeasurements
 from ..constraints.torque import LegLoads
@@ -29,9 +30,9 @@ ROOM = 0.01
 and the next than at it."""
 
 
-def leg_loads(structure: Structure, report: GaitReport, room: float = ROOM) -> LegLoads:
+def leg_loads(structure: Structure, report: Report[Trajectory], room: float = ROOM) -> LegLoads:
     """Rows for the joints of standing legs that give much, at the program's nodes, about a report's trajectory."""
-    trajectory = report.trajectory
+    trajectory = report.answer
     body = WholeBodyMeasurements(TrajectoryMeasurements(trajectory))
     legs, solver = body.kinematics.model.legs, body.kinematics
     sample = np.clip(np.rint(structure.times_s / trajectory.step_s).astype(int), 1, trajectory.samples - 2)
@@ -39,7 +40,7 @@ def leg_loads(structure: Structure, report: GaitReport, room: float = ROOM) -> L
     highest = maximum_filter1d(np.abs(body.torques_nm), about, axis=0, mode="nearest")[sample - 1]
     torques, angles = body.torques_nm[sample - 1], body.postures.angles[sample]
     rotation, forces = trajectory.rotation[sample], trajectory.forces_n[sample]
-    most = (report.limits.torque - room) * solver.torque_nm - (highest - np.abs(torques))
+    most = (report.limits["torque"] - room) * solver.torque_nm - (highest - np.abs(torques))
     felt = np.einsum("kji,knj->kni", rotation, forces)
     arms = trajectory.feet_m[sample] - trajectory.torso_m[sample][:, None]
     at = np.einsum("kji,knj->kni", rotation, arms)

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...answer.report import Report
+from ...answer.trajectory import Trajectory
 from ...files.arrays import Array
 from ...robot.bodies import Bodies
 from ...robot.inverse_kinematics import descend
 from ...robot.kinematics import rotation_of
 from ...robot.overlaps import Overlap, WholeBody
 from ...terrain.obstacles import Obstacles
-from ...verify.trajectories import GaitReport
 from ...verify.trajectory_measurements import TrajectoryMeasurements
 from ...verify.trajectory_whole_body import WholeBodyMeasurements
 from ..constraints.bodies import Overlaps
@@ -25,9 +26,9 @@ CLEAR_M, TRIES = 2e-3, 21
 """Links are apart when they are so far off each other; steps of the way of feet to where they stand."""
 
 
-def leg_overlaps(structure: Structure, report: GaitReport) -> Overlaps:
+def leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
     """Rows at the nodes on both sides of every posture of a report's trajectory in which something overlaps."""
-    walk = report.trajectory
+    walk = report.answer
     body = WholeBodyMeasurements(TrajectoryMeasurements(walk))
     bodies = Bodies(body.kinematics, Obstacles.under(walk.terrain))
     slopes = _Slopes(body, bodies)

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from ...answer.report import Report
 from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked
-from ...verify.trajectories import GaitReport, check_trajectory
+from ...verify.trajectories import check_trajectory
 from ..forbidden import forbidden
 from ..gait_program import GaitSolution
 from ..task import GaitSettings, GaitTask
@@ -82,7 +83,7 @@ class GaitPlan:
     """
 
     attempts: tuple[Attempted, ...]
-    feasible: tuple[GaitReport | None, ...]
+    feasible: tuple[Report[Trajectory] | None, ...]
     solves: tuple[SolveRecord, ...]
     failures: tuple[str, ...] = ()
     stopped: bool = False
@@ -93,7 +94,7 @@ class GaitPlan:
         return self.best.trajectory if self.best is not None and self.best.verified else None
 
     @property
-    def report(self) -> GaitReport | None:
+    def report(self) -> Report[Trajectory] | None:
         """What the verifier says of the trajectory."""
         return self.best.report if self.best is not None and self.best.verified else None
 
@@ -203,7 +204,7 @@ class PortfolioRun:
 
     def __init__(self, bench: Workbench, caps: Caps, progress: Progress | None, checkpoint: Checkpoint) -> None:
         self.bench, self.caps, self._checkpoint = bench, caps, checkpoint
-        self.feasible: list[GaitReport | None] = []
+        self.feasible: list[Report[Trajectory] | None] = []
         self.budget = SolveBudget(
             solve_s=caps.solve_s, total_s=caps.total_s, in_subprocess=caps.in_subprocess, progress=progress
         )
@@ -232,13 +233,13 @@ class PortfolioRun:
         solves = budget.solves[began:]
         provenance = self.bench.provenance(attempt, best[0], sum(one.iterations for one in solves))
         trajectory = replace(
-            best[1].trajectory, provenance={**provenance, "heights_by": attempt.by, "solves": float(len(solves))}
+            best[1].answer, provenance={**provenance, "heights_by": attempt.by, "solves": float(len(solves))}
         )
         return Attempted(
             attempt=attempt,
             solution=best[0],
             trajectory=trajectory,
-            report=replace(best[1], trajectory=trajectory),
+            report=replace(best[1], answer=trajectory),
             iterations=sum(one.iterations for one in budget.solves[began:searched]),
             seconds=sum(one.seconds for one in solves),
             history=np.array([violation for one in budget.solves[began:searched] for violation in one.violations]),
@@ -276,7 +277,7 @@ class PortfolioRun:
         return best
 
 
-_Verified = tuple[GaitSolution, GaitReport]
+_Verified = tuple[GaitSolution, Report[Trajectory]]
 
 
 def _unperturbed(attempt: Attempt) -> Attempt:
@@ -294,7 +295,7 @@ def _better(before: _Verified, after: _Verified) -> _Verified:
     return min(before, after, key=lambda one: _rank(one[1]))
 
 
-def _rank(report: GaitReport) -> tuple[bool, float]:
+def _rank(report: Report[Trajectory]) -> tuple[bool, float]:
     if report.accepted:
         return False, peak_g(report)
     return True, max((group.value / max(group.limit, 1e-3) for group in report.refused), default=float("inf"))

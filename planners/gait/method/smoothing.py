@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol, Unpack
 
+from ...answer.report import Report
+from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput
 from ...files.arrays import Array, checked
-from ...verify.trajectories import GaitReport, check_trajectory
+from ...verify.trajectories import check_trajectory
 from ..gait_program import Costs, GaitProgram, GaitSolution, SolveOptions
 
 
@@ -55,7 +57,7 @@ class Round:
 
     lowered: GaitSolution
     solution: GaitSolution
-    report: GaitReport
+    report: Report[Trajectory]
 
     @property
     def seconds(self) -> float:
@@ -68,7 +70,7 @@ class Round:
         return peak_g(self.report)
 
 
-def peak_g(report: GaitReport) -> float:
+def peak_g(report: Report[Trajectory]) -> float:
     """Peak acceleration of the torso [g], infinite where it could not be measured."""
     return report.figures.get("peak_acceleration_g", float("inf"))
 

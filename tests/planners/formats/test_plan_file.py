@@ -281,5 +281,5 @@ def test_a_file_of_the_format_before_is_judged_as_far_as_it_says():
     assert json.loads(path.read_text())["format"] == "stancekit/plan/2"
     check = check_file(path)
     assert check.report.contacts
-    assert check.report.bodies["verdict"] == "not checked"
+    assert check.report.group("bodies").verdict == "not checked"
     assert check.message.endswith("a file of stancekit/plan/2, which has no hulls of its robot's meshes")

@@ -143,7 +143,7 @@ def test_without_joints_in_the_file_the_verifier_finds_some(path: Path) -> None:
     assert read_plan(path)[0].joints_rad is None
     check = check_file(path)
     assert check.accepted
-    assert check.report.joints["verdict"] == "checked"
+    assert check.report.group("joints").verdict == "holds"
 
 
 def _shifted(header: dict[str, Any], arrays: dict[str, Any]) -> None:
@@ -217,7 +217,7 @@ def test_a_forged_file_is_refused_whatever_it_says(path: Path, forge: Forgery, m
 def test_a_torque_limit_that_no_joint_has_is_told_and_counts_for_nothing(path: Path, effort: str) -> None:
     forged(path, in_urdf('effort="40.0"', f'effort="{effort}"', 3))
     check = check_file(path)
-    assert check.report.torque["verdict"] == "not checked"
+    assert check.report.group("torque").verdict == "not checked"
     assert check.report.checked == ("contacts", "joints")
     message = f"a torque limit of {float(effort):g} Nm" if float(effort) else "no torque limit"
     assert check.message.endswith(

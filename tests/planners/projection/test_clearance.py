@@ -88,8 +88,8 @@ def test_slopes_are_those_of_finite_differences(walk: Callable[..., Plan], monke
 def test_a_beam_over_the_path_is_gone_under_all_along_it(beam: Plan) -> None:
     before = check_plan(with_joints(beam), joints=True)
     assert before.contacts
-    assert before.motion["verdict"] == "failed"
-    assert before.motion["worst"]["other"] == "patch 1"
+    assert before.group("motion").verdict == "violated"
+    assert before.group("motion").figures["worst"]["other"] == "patch 1"
     found = whole_body(beam, WholeBodyLimits(clearance_m=0.004))
     report = check_plan(found.plan, joints=True)
     assert report.accepted, report.failures

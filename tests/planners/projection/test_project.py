@@ -27,7 +27,7 @@ def moment(scaled, point):
 
 def worst_but_moment(problem, scaled, point):
     report = check_posture(problem, scaled.posture(point))
-    return max(g.worst for g in report.groups if g.group != "moment_balance")
+    return max(g.worst for g in report.groups if g.name != "moment_balance")
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS.names())

@@ -44,7 +44,7 @@ def with_effort(plan: Plan) -> Callable[[float], Plan]:
 
 
 def largest_share(plan: Plan) -> float:
-    return float(check_plan(plan, joints=True).torque["share"])
+    return float(check_plan(plan, joints=True).group("torque").figures["share"])
 
 
 def test_forces_that_ask_little_stay_as_they_are(with_effort: Callable[[float], Plan]) -> None:
@@ -64,7 +64,7 @@ def test_other_forces_spare_a_joint_that_has_too_little(plan: Plan, with_effort:
     assert refused.contacts
     assert not refused.accepted
     assert refused.message == "rejected: contacts hold, the joints cannot do it"
-    assert refused.torque["verdict"] == "failed"
+    assert refused.group("torque").verdict == "violated"
     spared = with_joints(weak)
     accepted = check_plan(spared, joints=True)
     assert accepted.accepted
@@ -77,8 +77,8 @@ def test_what_no_forces_can_spare_stays_refused(with_effort: Callable[[float], P
     report = check_plan(with_joints(with_effort(5.0)), joints=True)
     assert report.contacts
     assert not report.accepted
-    assert "Nm in a joint, where " in report.torque["message"]
-    assert report.torque["message"].endswith(" has 5")
+    assert "Nm in a joint, where " in report.group("torque").message
+    assert report.group("torque").message.endswith(" has 5")
 
 
 def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Plan) -> None:
@@ -144,10 +144,10 @@ def test_a_climb_is_bent_to_what_its_servos_have(climb: Plan) -> None:
     bent = whole_body(climb, limits)
     report = check_plan(bent.plan, joints=True)
     assert report.accepted, report.message
-    assert report.torque["torque_nm"] <= 9.0 + 1e-9  # the default share
+    assert report.group("torque").figures["torque_nm"] <= 9.0 + 1e-9  # the default share
     assert bent.before.torque_nm == pytest.approx(joint_report(climb).torque_nm.max(), rel=1e-6)
-    assert bent.after.share == pytest.approx(report.torque["share"], rel=1e-9)
-    assert bent.after.torque_nm == pytest.approx(report.torque["torque_nm"], rel=1e-9)
+    assert bent.after.share == pytest.approx(report.group("torque").figures["share"], rel=1e-9)
+    assert bent.after.torque_nm == pytest.approx(report.group("torque").figures["torque_nm"], rel=1e-9)
     assert bent.after.depth_m <= TOUCH_M
     assert 1 <= bent.steps <= 6
     assert bent.plan.provenance["friction_share"] == climb.provenance["friction_share"]

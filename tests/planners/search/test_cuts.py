@@ -98,7 +98,7 @@ def test_what_pieces_of_a_bent_patch_leave_out_costs_no_proof(programs, rough):
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
     assert set(outcome.certificate.tree[:, 0]) == {0.0, 1.0, 3.0}
-    assert check_certificate(course, outcome.certificate).lower_bound < 2e-5
+    assert check_certificate(course, outcome.certificate).figures["lower_bound"] < 2e-5
     bent = [sag(patch.vertices_m / course.length_scale_m) for put in footholds for patch in put.candidates]
     assert max(bent) > 5e-5
 
@@ -111,7 +111,7 @@ def test_a_certificate_has_choices_cuts_and_forces_where_patches_are_torn_and_la
         search = searched(programs, Scaled.of(course))
         report = check_certificate(course, search.certificate())
         assert report.accepted
-        assert report.leaves == len(search.certificate().multipliers) > 5
+        assert report.figures["leaves"] == len(search.certificate().multipliers) > 5
         kinds |= set(search.certificate().tree[:, 0])
     course = as_course(drawn("wall-3", 234), 3, seed=0, spread_m=2e-2)
     whole = Scaled.of(course)

@@ -63,14 +63,14 @@ def confirm(problem, outcome):
         report = check_posture(problem, outcome.posture)
         assert report.accepted
         assert outcome.residual == report.worst <= 1e-6
-        assert outcome.residual_nm == report.residual_nm
+        assert outcome.residual_nm == report.figures["residual_nm"]
         assert outcome.certificate is None
         assert outcome.lower_bound == 0.0
     elif outcome.status is Status.INFEASIBLE:
         proof = Certificate.from_json(json.loads(json.dumps(outcome.certificate.to_json())))
         report = check_certificate(problem, proof)
         assert report.accepted
-        assert outcome.lower_bound == report.lower_bound > 1e-4
+        assert outcome.lower_bound == report.figures["lower_bound"] > 1e-4
         assert outcome.posture is None
         assert np.isnan([outcome.residual, outcome.residual_nm]).all()
         assert len(proof.multipliers) == (len(proof.tree) + 1) / 2

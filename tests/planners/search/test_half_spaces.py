@@ -161,7 +161,7 @@ def test_batches_of_problems_with_and_without_half_spaces_have_the_bounds_of_eac
             pairs += [] if proof is None else [(problem, proof)]
     assert len({len(proof.multipliers[0]) for _, proof in pairs}) == 2
     bounds = check_certificates(*zip(*pairs, strict=True))
-    np.testing.assert_allclose(bounds, [check_certificate(*pair).lower_bound for pair in pairs])
+    np.testing.assert_allclose(bounds, [check_certificate(*pair).figures["lower_bound"] for pair in pairs])
 
 
 def test_multipliers_of_half_spaces_below_zero_prove_nothing(planner):
@@ -195,7 +195,7 @@ def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
         limbs = [replace(one, reach_rows=rows if i == limb else None) for i, one in enumerate(course.robot.limbs)]
         robot = replace(course.robot, limbs=tuple(limbs))
         report = check_plan(replace(planned, course=replace(course, robot=robot)))
-        reach = next(group for group in report.groups if group.group == "reach")
+        reach = next(group for group in report.groups if group.name == "reach")
         assert (reach.frame == 1 and reach.value == pytest.approx(1e-4)) or holds or reach.value > 1e-4
 
 
@@ -216,7 +216,7 @@ def test_the_way_between_two_frames_is_looked_at_where_it_bows_out(walk):
     robot = replace(plan.course.robot, limbs=(replace(limb, reach_rows=rows), *plan.course.robot.limbs[1:]))
     bowed = replace(plan, course=replace(plan.course, robot=robot), com_m=com, rotation_rad=turn)
     report = check_plan(bowed, between=False)
-    reach = next(group for group in report.groups if group.group == "reach")
+    reach = next(group for group in report.groups if group.name == "reach")
     assert between > max(value) + 1e-5
     assert reach.value == pytest.approx(between - max(value), abs=1e-7)
     assert (reach.frame, reach.limb) == (0, limb.name)

@@ -279,7 +279,7 @@ def test_proofs_with_soles_are_no_proofs_of_what_can_be_held(planner, soled, dra
                 tried += 1
     assert tried > 10
     bounds = check_certificates(*zip(*proofs, strict=True))
-    np.testing.assert_allclose(bounds, [check_certificate(*pair).lower_bound for pair in proofs])
+    np.testing.assert_allclose(bounds, [check_certificate(*pair).figures["lower_bound"] for pair in proofs])
 
 
 def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_course_takes(
@@ -345,7 +345,7 @@ def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbe
     assert outcome.status is Status.FEASIBLE
     plan, report = outcome.plan, check_plan(outcome.plan)
     assert report.accepted
-    assert report.between <= 1e-6
+    assert report.figures["between"] <= 1e-6
     assert plan.toes_m[:, 2].max() > 0.15  # two steps up
     yaws = [put.yaws_rad[chosen] for put, chosen in zip(course.footholds, plan.choice, strict=True)]
     for k, put in enumerate(course.footholds):  # all corners on one step, by hand
@@ -389,7 +389,7 @@ def test_forged_plans_with_soles_are_refused(climbed):
         assert not check_plan(replace(plan, **changes)).accepted
     report = check_plan(replace(plan, points_m=bent))
     worst = max(report.groups, key=lambda group: group.worst)
-    assert (worst.group, worst.limb) == ("patch", put.limb)
+    assert (worst.name, worst.where) == ("patch", put.limb)
     assert check_plan(replace(plan, points_m=None)).message == (
         f"rejected: points_m: expected shape {plan.points_m.shape}, got nothing"
     )
@@ -422,7 +422,7 @@ def test_plans_with_soles_are_not_executed(climbed):
     )
     with pytest.raises(InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"):
         hexapod_urdf(plan.course.robot)
-    assert check_plan(plan, joints=True).joints["verdict"] == "not checked"
+    assert check_plan(plan, joints=True).group("joints").verdict == "not checked"
 
 
 def test_envelopes_are_for_point_feet(planner, soled, drawn):

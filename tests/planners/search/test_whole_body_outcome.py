@@ -39,7 +39,7 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(pla
     assert said.to_json() == report.to_json()
     assert outcome.objective == objective_of(outcome.plan) != planned.objective
     assert outcome.residual <= 1e-6
-    assert outcome.details["torque_nm"] == pytest.approx(report.torque["torque_nm"])
+    assert outcome.details["torque_nm"] == pytest.approx(report.group("torque").figures["torque_nm"])
     assert outcome.details["torque_nm"] <= 10.0 < outcome.details["torque_nm_before"]
     assert outcome.details["torque_steps"] >= 1.0
     assert set(planned.details) <= set(outcome.details)
@@ -82,7 +82,7 @@ def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_ask
     assert outcome.plan is planned.plan
     assert (outcome.status, outcome.details) == (planned.status, planned.details)
     assert outcome.report is not None
-    assert (outcome.report.accepted, outcome.report.joints["verdict"]) == (True, "not checked")
+    assert (outcome.report.accepted, outcome.report.group("joints").verdict) == (True, "not checked")
     assert outcome.report.message == (
         "accepted as far as checked: joints, torque, bodies and motion are not; no constraint is violated"
     )

@@ -62,7 +62,7 @@ def test_points_without_moments_violate_nothing_else(name):
     index, points = witnesses(ScaledBatch.of(batch), LONG, moments=False)
     assert len(index) > len(witnesses(ScaledBatch.of(batch), LONG)[0])
     for k, posture in zip(index, ScaledBatch.of(batch).select(index).postures(points), strict=True):
-        worst = {group.group: group.worst for group in check_posture(batch.problems[k], posture).groups}
+        worst = {group.name: group.worst for group in check_posture(batch.problems[k], posture).groups}
         assert max(value for group, value in worst.items() if group != "moment_balance") <= 1e-9
 
 
@@ -153,7 +153,7 @@ def test_a_batch_is_decided_as_its_problems_are_one_by_one(name, programs):
     for k, (together, problem) in enumerate(zip(answers, batch.problems, strict=True)):
         alone = planner.solve(problem)
         assert (together.status, together.method) == (alone.status, alone.method)
-        assert together.lower_bound == pytest.approx(alone.lower_bound, rel=1e-12)
+        assert together.lower_bound == pytest.approx(alone.figures["lower_bound"], rel=1e-12)
         assert together.details["trivial"] == alone.details["trivial"]
         if alone.posture is not None:
             assert check_posture(problem, together.posture).worst == pytest.approx(together.residual, abs=1e-15)

@@ -39,12 +39,12 @@ def test_a_block_in_the_goal_is_refused_with_link_depth_and_frame(walk) -> None:
     report = check_plan(inside, joints=True)
     assert not report.accepted
     assert report.message == "rejected: contacts hold, bodies collide"
-    assert report.bodies["message"] == "frame 4: body is 6 mm inside patch 1"
-    assert report.bodies["depth_m"] == pytest.approx(0.006, abs=1e-6)
-    assert report.bodies["worst"] == {"frame": 4, "link": "body", "other": "patch 1"}
+    assert report.group("bodies").message == "frame 4: body is 6 mm inside patch 1"
+    assert report.group("bodies").figures["depth_m"] == pytest.approx(0.006, abs=1e-6)
+    assert report.group("bodies").figures["worst"] == {"frame": 4, "link": "body", "other": "patch 1"}
     below = check_plan(with_patch(plan, plate(ahead - 0.015, under + 0.0009)), joints=True)
     assert below.accepted
-    assert below.bodies["hit"] == 0
+    assert below.group("bodies").figures["hit"] == 0
 
 
 def test_a_file_has_the_verdict_of_its_plan(walk, tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def test_friction_decides_on_two_walls_and_every_no_is_proved(slippery):
         if outcome.status is Status.INFEASIBLE:
             proof = check_certificate(course, outcome.certificate)
             assert proof.accepted
-            assert proof.leaves == 1
+            assert proof.figures["leaves"] == 1
             assert proof.message == outcome.message
     assert [said[mu] for mu in (0.3, 0.45, 0.49)] == [Status.INFEASIBLE] * 3
     assert said[0.9] is Status.FEASIBLE

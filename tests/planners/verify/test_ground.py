@@ -44,5 +44,5 @@ def test_a_plan_whose_terrain_is_elsewhere_is_refused(walk):
     report = check_plan(replace(plan, course=replace(plan.course, terrain=moved)))
     worst = max(report.groups, key=lambda group: group.worst)
     assert not report.accepted
-    assert worst.group == "terrain"
+    assert worst.name == "terrain"
     assert 40.0 < worst.value < 60.0

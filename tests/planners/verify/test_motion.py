@@ -48,28 +48,30 @@ def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]
     bead = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
     strung = replace(plan, course=replace(plan.course, terrain=(*plan.course.terrain, bead)))
     report = check_plan(strung, joints=True)
-    assert report.bodies["verdict"] == "checked"
-    assert report.motion["verdict"] == "failed"
+    assert report.group("bodies").verdict == "holds"
+    assert report.group("motion").verdict == "violated"
     assert not report.accepted
     assert report.message == "rejected: contacts hold, bodies collide"
-    assert 1.0 < report.motion["worst"]["frame"] < 2.0
-    assert report.motion["worst"]["link"].startswith(plan.course.robot.limb_names[limb])
+    assert 1.0 < report.group("motion").figures["worst"]["frame"] < 2.0
+    assert report.group("motion").figures["worst"]["link"].startswith(plan.course.robot.limb_names[limb])
     assert check_plan(plan, joints=True).accepted
-    assert report.digest != replace(report, motion={"verdict": "not checked"}).digest
+    unseen = [group if group.name != "motion" else replace(group, verdict="not checked") for group in report.groups]
+    assert report.digest != replace(report, groups=tuple(unseen)).digest
 
 
 def test_what_is_not_judged_is_said_loudly(walk: Callable[..., Plan]) -> None:
     jumps = check_plan(with_joints(walk(2, "all")), joints=True)
-    assert jumps.motion == {"verdict": "not asked for", "message": "nobody carries between frames"}
-    assert jumps.bodies["verdict"] == "checked"
+    found = jumps.group("motion")
+    assert (found.verdict, found.message) == ("not asked for", "nobody carries between frames")
+    assert jumps.group("bodies").verdict == "holds"
     assert jumps.message.endswith("balanced in every frame; cannot be executed: nobody carries between frames")
     assert "motion" not in jumps.checked
-    assert check_plan(walk(2), joints=True).motion["verdict"] == "not checked"  # without angles
+    assert check_plan(walk(2), joints=True).group("motion").verdict == "not checked"  # without angles
     plan = with_joints(walk(2))
     far = replace(plan, com_m=plan.com_m + 2 * MOST * APART_M * np.array([[0, 0, 0], [1, 0, 0]]))
     report = check_plan(far, joints=True)
     assert not report.accepted
-    assert report.motion["message"].startswith("path: expected at most 500 m of it, got ")
+    assert report.group("motion").message.startswith("path: expected at most 500 m of it, got ")
 
 
 def test_a_foot_that_cannot_follow_its_path_is_named(walk: Callable[..., Plan]) -> None:
@@ -77,6 +79,6 @@ def test_a_foot_that_cannot_follow_its_path_is_named(walk: Callable[..., Plan]) 
     plan = walk(2)
     low = with_joints(replace(plan, com_m=plan.com_m - [0.0, 0.0, 0.15], toes_m=0.6 * plan.toes_m))
     report = check_plan(low, joints=True)
-    assert report.motion["verdict"] == "failed"
-    assert " stays " in report.motion["message"]
-    assert " mm from its path" in report.motion["message"]
+    assert report.group("motion").verdict == "violated"
+    assert " stays " in report.group("motion").message
+    assert " mm from its path" in report.group("motion").message

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from stancekit.planners.answer.report import WHOLE_BODY
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.verify import BETWEEN, PLAN_GROUPS, check_plan
 from stancekit.planners.verify.stances import Schedule
@@ -53,18 +54,18 @@ def test_a_walk_in_closed_form_is_accepted(gait, ways, walk):
     finding = "balanced in every frame; cannot be executed: nobody carries between frames"
     assert report.message == f"accepted: {'no constraint is violated' if ways else finding}"
     assert report.worst < 1e-12
-    assert tuple(group.group for group in report.groups) == tuple(PLAN_GROUPS)
-    assert report.proved == ways
-    assert report.between <= 1e-12
-    assert report.goal_m == pytest.approx(0.1)
-    assert report.linearisation_m == 0.0
+    assert tuple(group.name for group in report.groups) == (*PLAN_GROUPS, *WHOLE_BODY)
+    assert report.figures["proved"] == ways
+    assert report.figures["between"] <= 1e-12
+    assert report.figures["goal_m"] == pytest.approx(0.1)
+    assert report.figures["linearisation_m"] == 0.0
 
 
 def test_points_between_frames_may_be_left_to_the_proof(walk):
     report = check_plan(walk(), between=False)
     assert report.accepted
-    assert report.proved == 4
-    assert np.isnan(report.between)
+    assert report.figures["proved"] == 4
+    assert np.isnan(report.figures["between"])
 
 
 def test_a_single_frame_is_a_plan(walk):
@@ -88,7 +89,7 @@ def test_a_fault_of_the_body_is_measured_in_its_own_group(group, walk):
     bad = changed(plan, name, foothold_of(plan, 2, "RM") if at == "put" else at, by)
     report = check_plan(bad)
     assert not report.accepted
-    found = next(g for g in report.groups if g.group == group)
+    found = next(g for g in report.groups if g.name == group)
     assert found.value == pytest.approx(off, rel=1e-6)
     assert found.frame in ((0, 2) if group in ("tilt", "com", "patch") else (2,))
 
@@ -97,8 +98,8 @@ def test_a_fault_of_the_body_is_measured_in_its_own_group(group, walk):
 def test_a_toe_off_its_patch_is_named_with_frame_and_limb(limb, frame, walk):
     plan = walk()
     bad = changed(plan, "toes_m", (foothold_of(plan, frame, limb), 2), -0.004)
-    found = next(g for g in check_plan(bad).groups if g.group == "patch")
-    assert (found.frame, found.limb) == (frame, limb)
+    found = next(g for g in check_plan(bad).groups if g.name == "patch")
+    assert (found.frame, found.where) == (frame, limb)
     assert found.value == pytest.approx(0.004)
 
 
@@ -108,16 +109,16 @@ def test_a_long_step_of_a_toe_is_named_with_frame_and_limb(walk):
     plan = replace(plan, course=replace(plan.course, steps=limits))
     assert check_plan(plan).accepted  # two steps of the body, one after the other: 0.06 m
     bad = changed(plan, "toes_m", (foothold_of(plan, 3, "LM"), 0), 0.03)
-    found = next(g for g in check_plan(bad).groups if g.group == "toe_step")
-    assert (found.frame, found.limb) == (3, "LM")
+    found = next(g for g in check_plan(bad).groups if g.name == "toe_step")
+    assert (found.frame, found.where) == (3, "LM")
     assert found.value == pytest.approx(0.03)
 
 
 def test_a_toe_that_stood_elsewhere_is_refused(walk):
     plan = walk()
     report = check_plan(changed(plan, "toes_m", (foothold_of(plan, 0, "LF"), 1), 0.002))
-    found = next(g for g in report.groups if g.group == "start")
-    assert (found.frame, found.limb) == (0, "LF")
+    found = next(g for g in report.groups if g.name == "start")
+    assert (found.frame, found.where) == (0, "LF")
     assert found.value == pytest.approx(0.002)
 
 
@@ -136,14 +137,14 @@ def test_a_limb_out_of_reach_is_named_also_where_it_does_not_carry(walk):
     plan = replace(plan, course=replace(plan.course, footholds=put, steps=steps))
     report = check_plan(changed(plan, "toes_m", (foothold_of(plan, last, limb), 0), 0.29))
     found = worst_of(report)
-    assert (found.group, found.frame, found.limb) == ("reach", last, limb)
+    assert (found.name, found.frame, found.where) == ("reach", last, limb)
 
 
 @pytest.mark.parametrize(("group", "by"), [("friction", [40.0, 0.0, 0.0]), ("force_bounds", [0.0, 0.0, -60.0])])
 def test_a_bad_force_is_named_with_frame_and_limb(group, by, walk):
     plan = walk()
     row, i = row_of(plan, 3, "RR", carries=True)
-    found = next(g for g in check_plan(changed(plan, "forces_n", (row, i), by)).groups if g.group == group)
+    found = next(g for g in check_plan(changed(plan, "forces_n", (row, i), by)).groups if g.name == group)
     assert (found.frame, found.limb) == (3, "RR")
     assert found.value > 5.0
 
@@ -152,16 +153,17 @@ def test_a_force_on_a_limb_in_the_air_is_refused(walk):
     plan = walk()
     row, i = row_of(plan, 2, "LM", carries=False)
     found = worst_of(check_plan(changed(plan, "forces_n", (row, i, 2), 1.0)))
-    assert (found.group, found.frame, found.limb) == ("idle_force", 2, "LM")
+    assert (found.name, found.frame, found.where) == ("idle_force", 2, "LM")
     assert found.value == pytest.approx(1.0)
 
 
 def test_a_body_that_leaves_its_tripod_loses_its_moment_balance(walk):
     report = check_plan(changed(walk(), "com_m", (2, 1), 0.01))
     found = worst_of(report)
-    assert (found.group, found.frame) == ("moment_balance", 2)
+    assert (found.name, found.frame) == ("moment_balance", 2)
     assert found.value == pytest.approx(0.01 * 98.1, rel=1e-9)
-    assert report.between == pytest.approx(BETWEEN[-1] * found.worst, rel=1e-6)  # the way there is as bad as its end
+    way = BETWEEN[-1] * found.worst  # the way there is as bad as its end
+    assert report.figures["between"] == pytest.approx(way, rel=1e-6)
 
 
 @pytest.mark.parametrize("chosen", [-1, 2, 7])
@@ -179,7 +181,7 @@ def test_the_other_candidate_is_not_where_the_toe_is(walk):
     choice = np.array(plan.choice)
     choice[foothold_of(plan, 1, "RF")] = 0
     report = check_plan(replace(plan, choice=choice))
-    assert next(g for g in report.groups if g.group == "patch").value == pytest.approx(0.1)
+    assert next(g for g in report.groups if g.name == "patch").value == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("name", ["com_m", "rotation_rad", "toes_m", "forces_n", "choice"])
@@ -204,14 +206,14 @@ def test_the_linearised_rotation_is_reported_against_the_exact_one(walk):
     report = check_plan(replace(plan, rotation_rad=np.tile(theta, (5, 1))))
     mounts = np.array([limb.shoulder_m for limb in plan.course.robot.limbs])
     exact = Rotation.from_rotvec(theta).apply(mounts)
-    assert report.linearisation_m == pytest.approx(
+    assert report.figures["linearisation_m"] == pytest.approx(
         np.linalg.norm(exact - mounts - np.cross(theta, mounts), axis=1).max()
     )
     beyond = [
         np.linalg.norm(plan.toes_at(k) - plan.com_m[k] - exact, axis=1) - plan.course.robot.limbs[0].reach_m
         for k in range(5)
     ]
-    assert report.exact_reach_m == pytest.approx(max(0.0, np.max(beyond)))
+    assert report.figures["exact_reach_m"] == pytest.approx(max(0.0, np.max(beyond)))
 
 
 @given(st.integers(0, 10_000))
@@ -251,24 +253,25 @@ def test_joints_that_cannot_be_asked_are_said_to_be_unchecked(walk, monkeypatch)
     monkeypatch.setattr("stancekit.planners.robot.kinematics.pinocchio", missing)
     report = check_plan(walk(2), joints=True)
     assert report.accepted
-    assert report.joints == {"verdict": "not checked", "message": "pinocchio is missing"}
+    joints = report.group("joints")
+    assert (joints.verdict, joints.message) == ("not checked", "pinocchio is missing")
 
 
 def test_joints_are_a_section_of_their_own(walk):
     pytest.importorskip("pinocchio")
     plan = walk(2)
     report = check_plan(plan, joints=True)
-    assert report.joints["verdict"] == "checked"
-    assert report.joints["error_m"] < 1e-3
-    assert report.torque["verdict"] == "checked"
-    assert 0.0 < report.torque["share"] < 1.0
-    assert report.bodies["verdict"] == "checked"
+    assert report.group("joints").verdict == "holds"
+    assert report.group("joints").figures["error_m"] < 1e-3
+    assert report.group("torque").verdict == "holds"
+    assert 0.0 < report.group("torque").figures["share"] < 1.0
+    assert report.group("bodies").verdict == "holds"
     assert report.checked == ("contacts", "joints", "torque", "bodies")
     assert check_plan(plan).checked == ("contacts",)
     heavy = check_plan(replace(plan, forces_n=30.0 * plan.forces_n), joints=True)
-    assert heavy.joints["verdict"] == "checked"
-    assert heavy.torque["verdict"] == "failed"
-    assert "Nm in a joint" in heavy.torque["message"]
+    assert heavy.group("joints").verdict == "holds"
+    assert heavy.group("torque").verdict == "violated"
+    assert "Nm in a joint" in heavy.group("torque").message
     assert heavy.to_json()["torque"]["worst"]["limb"] in plan.course.robot.limb_names
 
 
@@ -278,5 +281,5 @@ def test_a_limb_that_stays_but_stands_elsewhere_is_refused_with_its_frame(walk):
     course = replace(plan.course)
     stays, *others = course.lifts[2]
     vars(course)["lifts"] = (*course.lifts[:2], tuple(others), *course.lifts[3:])
-    (group,) = (each for each in check_plan(replace(plan, course=course)).groups if each.group == "schedule")
-    assert (group.worst, group.frame, group.limb) == (np.inf, 2, stays)
+    (group,) = (each for each in check_plan(replace(plan, course=course)).groups if each.name == "schedule")
+    assert (group.worst, group.frame, group.where) == (np.inf, 2, stays)

@@ -38,14 +38,14 @@ def test_the_sweep_finds_what_the_check_of_every_stance_finds(walk, seed, gait, 
     worst = dict.fromkeys(GROUPS, (0.0, -1))
     for row, stance in enumerate(course.stances):
         for group in check_posture(course.posture_problem(stance, plan.choice), plan.posture(row)).groups:
-            if group.worst > worst[group.group][0]:
-                worst[group.group] = (group.worst, stance.frame)
+            if group.worst > worst[group.name][0]:
+                worst[group.name] = (group.worst, stance.frame)
     looked = 0
     for group in check_plan(plan, between=False).groups:
-        if group.group in GROUPS:
-            value, frame = worst[group.group]
+        if group.name in GROUPS:
+            value, frame = worst[group.name]
             assert group.worst >= value - 1e-12
-            if group.group not in OF_ALL_LIMBS:
+            if group.name not in OF_ALL_LIMBS:
                 looked += 1
                 assert group.worst == pytest.approx(value, abs=1e-12)
                 assert group.frame == frame or value < 1e-9
@@ -77,7 +77,7 @@ def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed,
             )
             posture = Posture(**mixed, toes_m=plan.toes_at(k)[list(stay)], forces_n=forces[list(stay)])
             worst = max(worst, check_posture(problem, posture).worst)
-    assert check_plan(plan).between == pytest.approx(worst, rel=1e-12)
+    assert check_plan(plan).figures["between"] == pytest.approx(worst, rel=1e-12)
 
 
 def test_many_postures_at_once_are_judged_as_each_alone():

@@ -44,7 +44,7 @@ def test_a_step_in_place_is_accepted_with_every_group_checked() -> None:
     report = check_trajectory(stepping())
     assert report.accepted, report.message
     assert not report.unchecked
-    found = {group.group: group.value for group in report.groups}
+    found = {group.name: group.value for group in report.groups}
     assert found["joints"] < 1e-5
     assert 0.0 < found["torque"] < 0.9
     assert 0.0 < found["joint_speed"] < 0.9
@@ -150,7 +150,7 @@ def test_there_is_a_fault_for_every_group_of_the_whole_body() -> None:
     }
     assert set(faults) == set(WHOLE_BODY)
     for name, (walk, where) in faults.items():
-        found = {group.group: group for group in check_trajectory(walk).refused}
+        found = {group.name: group for group in check_trajectory(walk).refused}
         assert name in found, name
         assert where in found[name].where
 
@@ -158,7 +158,7 @@ def test_there_is_a_fault_for_every_group_of_the_whole_body() -> None:
 def test_a_weak_robot_is_refused_by_torque_alone_and_one_without_limits_is_not_checked() -> None:
     needed = float(np.abs(measured(stepping()).torques_nm).max())
     report = check_trajectory(stepping(effort=1.05 * needed))
-    assert [group.group for group in report.refused] == ["torque"]
+    assert [group.name for group in report.refused] == ["torque"]
     assert report.refused[0].value == pytest.approx(1.0 / 1.05, rel=1e-6)
     assert check_trajectory(stepping(effort=1.2 * needed)).accepted
     unlimited = check_trajectory(stepping(effort=0.0))
@@ -173,7 +173,7 @@ def test_links_that_go_through_each_other_are_told_with_their_names() -> None:
     lf, lh = model.leg_names.index("LF"), model.leg_names.index("LH")
     feet = np.array(walk.feet_m)
     feet[:, lf, 0], feet[:, lh, 0] = -0.1, 0.1
-    found = {group.group: group for group in check_trajectory(replace(walk, feet_m=feet)).refused}
+    found = {group.name: group for group in check_trajectory(replace(walk, feet_m=feet)).refused}
     assert {part.split("_")[0] for part in found["bodies"].where.split(" in ")} == {"LF", "LH"}
 
 

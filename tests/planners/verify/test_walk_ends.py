@@ -21,7 +21,7 @@ SWUNG = {"lift", "clearance", "drag"}
 def test_a_foot_that_is_said_to_swing_at_an_end_is_in_the_air(where: slice) -> None:
     contact = np.array(standing().contact)
     contact[where, 0] = False
-    found = {group.group for group in check_trajectory(replace(standing(), contact=contact)).refused}
+    found = {group.name for group in check_trajectory(replace(standing(), contact=contact)).refused}
     assert {"lift", "clearance"} <= found
 
 
@@ -32,7 +32,7 @@ def test_a_foot_that_comes_down_from_before_the_file_or_leaves_it_in_the_air_is_
     contact[where, 0] = False
     rise = np.linspace(0.0, 1.0, len(feet[where]) + 2)[1:-1]
     feet[where, 0, 2] += 0.1 * (rise[::-1] if where.start is None else rise)
-    found = {group.group for group in check_trajectory(replace(walk, contact=contact, feet_m=feet)).refused}
+    found = {group.name for group in check_trajectory(replace(walk, contact=contact, feet_m=feet)).refused}
     assert not found & SWUNG
 
 
@@ -46,7 +46,7 @@ def test_a_walk_ends_with_the_heading_asked_for_and_turns_on_the_spot() -> None:
     assert float(np.arctan2(axis[1], axis[0])) == pytest.approx(0.4, abs=0.01)
     assert walk.header()["asked"]["heading_end_rad"] == 0.4
     otherwise = check_trajectory(replace(walk, heading_end_rad=0.3), body=False)
-    assert [group.group for group in otherwise.refused] == ["heading"]
+    assert [group.name for group in otherwise.refused] == ["heading"]
 
 
 def test_a_robot_that_stands_higher_than_its_feet_are_is_none() -> None:

@@ -121,7 +121,7 @@ def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch)
     assert limb in plan.course.robot.limb_names
     assert 0 <= frame < 3
     assert answer.report is not None
-    assert max(row.torque for row in rows) <= answer.report.torque["share"] + 1e-6
+    assert max(row.torque for row in rows) <= answer.report.group("torque").figures["share"] + 1e-6
     table = limb_table(rows, "<b>here</b>")
     assert "force [N]" in table
     assert "torque [Nm]" in table

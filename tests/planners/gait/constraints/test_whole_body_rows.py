@@ -87,16 +87,16 @@ def test_a_refused_torque_gets_rows_that_a_solve_keeps() -> None:
     base = program()
     found = base.solve()
     report = check_trajectory(found.trajectory())
-    worst = next(group for group in report.groups if group.group == "torque").value
+    worst = next(group for group in report.groups if group.name == "torque").value
     limits = Limits(torque=0.95 * worst)
     refused = check_trajectory(found.trajectory(), limits)
-    assert "torque" in {group.group for group in refused.refused}
+    assert "torque" in {group.name for group in refused.refused}
     dense = densified(base, refused)
     assert dense is not None
     solution = dense.solve(found.x)
     assert solution.success
     again = check_trajectory(solution.trajectory(), limits)
-    assert "torque" not in {group.group for group in again.refused}
+    assert "torque" not in {group.name for group in again.refused}
 
 
 def test_rows_of_bodies_are_their_tangent() -> None:

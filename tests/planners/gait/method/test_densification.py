@@ -94,7 +94,7 @@ def test_flaws_are_where_the_verifier_measures_them(program, solution):
     strict = Limits(force_balance=1e-6, reach_m=-1.0)  # nothing keeps these
     report = check_trajectory(solution.trajectory(), strict)
     found = flaws(program, report, band=0.01)
-    assert {"force_balance", "reach"} <= {group.group for group in report.refused}
+    assert {"force_balance", "reach"} <= {group.name for group in report.refused}
     assert 0 < found.balance.sum() <= program.structure.nodes - 1
     assert found.reach.all()
 

@@ -119,7 +119,7 @@ def test_a_step_of_84_degrees_is_climbed_by_widening_it():
     assert asked[-1] == steepest(step)
     report = check_trajectory(found.solutions[-1].trajectory())
     swings = {"penetration", "penetration_between", "clearance"}  # between the nodes
-    assert {group.group for group in report.refused} <= swings, report.message
+    assert {group.name for group in report.refused} <= swings, report.message
 
 
 def test_terrain_that_no_gaussian_fits_is_solved_as_it_is(bench):
