@@ -29,9 +29,9 @@ LIFTED = -1
 class Layout:
     """What decides the rows and columns of a program; programs of equal layouts differ in their numbers only.
 
-    holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N); stances: (frame, limbs) of each;
-    corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's reach
-    has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
+    holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N); stances: (frame, limbs) of
+    each; corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's
+    reach has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
     relative: (limb, other, how many half-spaces) of every pair of feet whose distance is limited where the limb moves.
     """
 
