@@ -160,10 +160,15 @@ class LeapNumbers:
         after = np.maximum(times[:, None] - self.times[2::2], 0.0)
         return np.asarray(0.5 * (left**2 - after**2))
 
+    @cached_property
+    def fallen(self) -> Array:
+        """What c at every frame has of g F of every interval, shape (2M + 1, M) [s²]."""
+        return self._weights(self.times)
+
     def ballistic(self, total: Array) -> tuple[Array, Array]:
         """c at the frames, (2M + 1, 3), and v at the ends of intervals, (M + 1, 3), for forces F, shape (M, 3)."""
         push = GRAVITY_M_S2 * (total - np.array([0.0, 0.0, 1.0]))
-        com = self.start[0] + self.times[:, None] * self.velocity[0] + self._weights(self.times) @ push
+        com = self.start[0] + self.times[:, None] * self.velocity[0] + self.fallen @ push
         moved = np.concatenate([np.zeros((1, 3)), np.cumsum(self.lasts[:, None] * push, axis=0)])
         return com, self.velocity[0] + moved
 

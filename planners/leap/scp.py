@@ -34,7 +34,7 @@ class Attempt:
 
     choice: a candidate per foothold, shape (P,). point: the best one, None where the first step has none; cost: of what
     is left of its rows; first: cost of the first step's slack, which nearly decides. solution: of that step, about
-    ``given``. solves: convex problems.
+    ``given``. solves: convex problems. share: of the friction.
     """
 
     choice: Index
@@ -44,6 +44,7 @@ class Attempt:
     solution: ConicSolution
     given: LeapGiven
     solves: int
+    share: float
 
     @property
     def solved(self) -> bool:
@@ -79,7 +80,8 @@ def attempt(
     first = answer = program.solve(given)
     if answer.point is None:
         return Attempt(
-            choice=choice, point=None, cost=np.inf, first=np.inf, solution=first.solution, given=given, solves=1
+            choice=choice, point=None, cost=np.inf, first=np.inf, solution=first.solution, given=given, solves=1,
+            share=share,
         )  # fmt: skip
     best, cost, radius, solves = answer.point, cost_of(given, answer.point), RADIUS_M, 1
     while cost > HOLDS and first.cost <= stop and solves < steps and radius > LEAST_RADIUS_M:
@@ -92,7 +94,8 @@ def attempt(
         else:
             radius *= 0.3
     return Attempt(
-        choice=choice, point=best, cost=cost, first=first.cost, solution=first.solution, given=given, solves=solves
+        choice=choice, point=best, cost=cost, first=first.cost, solution=first.solution, given=given, solves=solves,
+        share=share,
     )  # fmt: skip
 
 
