@@ -18,7 +18,7 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..robot.reach import turned_most
 from .numbers import LeapNumbers
-from .scp import RESERVE_M, Attempt
+from .scp import HEIGHT_RESERVE_M, LEAST_FRICTION, REACH_RESERVE_M, TILT_RESERVE_RAD, Attempt
 from .terms import legs_of
 
 MARGIN = 1e-6
@@ -95,14 +95,16 @@ def widened(numbers: LeapNumbers) -> tuple[Array, Array]:
 def proof_cut(numbers: LeapNumbers, row: Array) -> Cut:
     """What multipliers prove of any leap, with all of the friction and reach with room for exact rotations."""
     reach, rows = widened(numbers)
-    return _cut(numbers, row, numbers.scaled.friction, reach, rows)
+    scaled = numbers.scaled
+    return _cut(numbers, row, scaled.friction, reach, rows, numbers.leap.limits.height_m, scaled.tilt)
 
 
 def plan_cut(numbers: LeapNumbers, row: Array, share: float) -> Cut:
     """What multipliers prove of the steps of SCP, which have a share of the friction and keep some of the reach."""
     scaled = numbers.scaled
-    bounds = scaled.half_spaces.outer_bounds
-    return _cut(numbers, row, np.maximum(share * scaled.friction, 1e-4), scaled.reach - RESERVE_M, bounds)
+    friction, bounds = np.maximum(share * scaled.friction, LEAST_FRICTION), scaled.half_spaces.outer_bounds
+    height, tilt = numbers.leap.limits.height_m + HEIGHT_RESERVE_M, scaled.tilt - TILT_RESERVE_RAD
+    return _cut(numbers, row, friction, scaled.reach - REACH_RESERVE_M, bounds, height, tilt)
 
 
 def guide(numbers: LeapNumbers, found: Attempt) -> Cut:
@@ -120,7 +122,7 @@ def guide(numbers: LeapNumbers, found: Attempt) -> Cut:
     slopes = -GRAVITY_M_S2 * (lasts * solution.dual("faster") + lasts**3 / 24.0 * turns)
     twists = -GRAVITY_M_S2 * lasts * solution.dual("moment")
     means = numbers.means(given.point.com, given.point.velocity)
-    friction = np.maximum(found.share * numbers.scaled.friction, 1e-4)
+    friction = np.maximum(found.share * numbers.scaled.friction, LEAST_FRICTION)
     table = _table(numbers, friction, pulls, slopes, twists, means)
     own = float(table[np.arange(len(found.choice)), found.choice].sum())
     return Cut(constant=found.first - own, table=table)
@@ -137,8 +139,10 @@ def _toe_pulls(numbers: LeapNumbers, parts: dict[str, Array]) -> Array:
     return pulls
 
 
-def _cut(numbers: LeapNumbers, row: Array, friction: Array, reach: Array, bounds: Array) -> Cut:
-    """C and a of multipliers, for these cones, radii and bounds of half-spaces."""
+def _cut(
+    numbers: LeapNumbers, row: Array, friction: Array, reach: Array, bounds: Array, height: float, tilt: float
+) -> Cut:
+    """C and a of multipliers, for these cones, radii, bounds of half-spaces, heights and rotations."""
     parts, layout, scaled, leap = split(numbers, row), numbers.layout, numbers.scaled, numbers.leap
     (frame, limb, _), (which, half) = layout.standing, layout.standing_rows
     rows, normals = parts["reach_rows"], scaled.half_spaces.normals[half]
@@ -170,8 +174,8 @@ def _cut(numbers: LeapNumbers, row: Array, friction: Array, reach: Array, bounds
         - np.sum(parts["reach"] * scaled.shoulders[limb])
         - np.linalg.norm(parts["reach"], axis=1) @ reach[limb]
         - rows @ bounds[half]
-        + parts["height"].sum() * leap.limits.height_m
-        - scaled.tilt * np.abs(twist).sum()
+        + parts["height"].sum() * height
+        - tilt * np.abs(twist).sum()
     )
     pulls = _toe_pulls(numbers, parts)
     table = _table(numbers, friction, pulls, slopes, twists, np.zeros_like(slopes))

@@ -6,7 +6,7 @@ limb stands, at the frame of its middle. Lengths are in metres, forces in units 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -193,7 +193,10 @@ class LeapNumbers:
 
 @dataclass(frozen=True, eq=False)
 class LeapGiven(Given):
-    """What a leap's program is loaded with: the chosen problem in ``scaled``, its leap and where it is linearised."""
+    """What a leap's program is loaded with: the chosen problem in ``scaled``, its leap and where it is linearised.
+
+    reserve_m: kept of heights and lengths; toe_radius: how far toes may be from those of the point [m].
+    """
 
     its: LeapNumbers | None = None
     at: LeapPoint | None = None
@@ -276,8 +279,3 @@ def _ramps(leap: Leap, layout: Layout) -> Array:
     before = np.concatenate([by_interval[:1], by_interval[:-1]])[interval, limb] < 0
     after = np.concatenate([by_interval[1:], by_interval[-1:]])[interval, limb] < 0
     return np.where(before | after, leap.limits.ramp, 1.0)
-
-
-def with_friction(scaled: Scaled, share: float) -> Scaled:
-    """A problem with a share of the friction of every candidate."""
-    return scaled if share == 1.0 else replace(scaled, friction=share * scaled.friction)

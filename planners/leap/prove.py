@@ -14,6 +14,7 @@ from ..files.arrays import Array
 from .cuts import MARGIN, Cut, proof_cut, ray, widened
 from .numbers import LeapGiven, LeapNumbers
 from .program import LeapLift
+from .scp import LEAST_FRICTION
 
 LEAF, CHOICE, TIMING = 0.0, 1.0, 4.0
 """Kinds of a certificate's nodes that a leap's has."""
@@ -91,7 +92,10 @@ class Prover:
         reach, rows = widened(numbers)
         spaces = replace(numbers.scaled.half_spaces, outer_bounds=rows)
         scaled = replace(
-            numbers.scaled, reach=reach, half_spaces=spaces, friction=np.maximum(numbers.scaled.friction, 1e-4)
+            numbers.scaled,
+            reach=reach,
+            half_spaces=spaces,
+            friction=np.maximum(numbers.scaled.friction, LEAST_FRICTION),
         ).only(opened)
         program = self._programs.get(LeapLift, scaled.layout, numbers.leap.still)
         solution = program.solve(LeapGiven(scaled, its=numbers))

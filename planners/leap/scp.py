@@ -12,18 +12,22 @@ from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..files.arrays import Array
-from .numbers import FREE_M, LeapGiven, LeapNumbers, LeapPoint, with_friction
+from .numbers import FREE_M, LeapGiven, LeapNumbers, LeapPoint
 from .program import LeapProgram
 from .terms import PRICES, SPEED_RESERVE, hip_velocities
 
 STEPS = 10
 STOP = 0.05
 """A first step whose slack costs more than this is the last one: such contacts are hardly ever solved."""
+STUCK = 0.1
+"""A step that promises to win less than this share of the cost is the last one."""
 HOLDS = 1e-6
 """Cost of what is left at which the rows hold."""
 RADIUS_M, LEAST_RADIUS_M = 0.2, 1e-4
-RESERVE_M = 0.008
-"""Kept of the reach, for what rows at instants and a linearised rotation leave out."""
+REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD = 0.008, 0.004, 0.01
+"""Kept of reach, height and tilt, for what rows at instants and a linearised rotation leave out."""
+LEAST_FRICTION = 1e-4
+"""Friction below this is raised to it in programs, so that a cone says that forces push."""
 FRICTION_SHARE = 0.8
 """Share of the friction that plans use."""
 
@@ -63,20 +67,24 @@ def attempt(
     choice: Index,
     *,
     share: float = FRICTION_SHARE,
-    reserve_m: float = RESERVE_M,
     stop: float = STOP,
     steps: int = STEPS,
 ) -> Attempt:
     """Try one choice of contacts from the nominal motion.
 
-    share: of the friction. reserve_m: of the reach. stop: cost of the first step's slack above which there is no second
+    share: of the friction. stop: cost of the first step's slack above which there is no second
     one; inf never stops. steps: convex problems at most.
     """
-    scaled = with_friction(numbers.scaled.chosen(choice), share)
-    scaled = replace(scaled, reach=scaled.reach - reserve_m, friction=np.maximum(scaled.friction, 1e-4))
+    scaled = numbers.scaled.chosen(choice)
+    scaled = replace(
+        scaled,
+        reach=scaled.reach - REACH_RESERVE_M,
+        tilt=scaled.tilt - TILT_RESERVE_RAD,
+        friction=np.maximum(share * scaled.friction, LEAST_FRICTION),
+    )
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
-    given = LeapGiven(scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=reserve_m)
+    given = LeapGiven(scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=HEIGHT_RESERVE_M)
     first = answer = program.solve(given)
     if answer.point is None:
         return Attempt(
@@ -88,6 +96,8 @@ def attempt(
         near = _near(given, best, radius)
         answer = program.solve(near)
         solves += 1
+        if answer.point is not None and cost - answer.cost < STUCK * cost:
+            break  # even the step's own rows say that little can be won
         found = np.inf if answer.point is None else cost_of(near, answer.point)
         if answer.point is not None and found < cost:
             best, cost, radius = answer.point, found, min(2.0 * radius, RADIUS_M)

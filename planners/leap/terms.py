@@ -170,7 +170,7 @@ class Legs:
         assert self._toes.points is not None
         self._rows.put(high, self._body.com[frame, 2], -1.0)
         self._rows.put(high, self._toes.points[foothold, 2], 1.0)
-        self._rows.right(high, lambda d: -d.numbers.leap.limits.height_m)
+        self._rows.right(high, lambda d: -d.numbers.leap.limits.height_m - d.reserve_m)
 
     def speed(self, momentum: Index) -> None:
         """|ê·(v + ω × h)| ≤ speed at the ends of intervals, ê along the leg of the point, ω = J⁻¹ L."""
