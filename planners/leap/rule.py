@@ -20,9 +20,9 @@ class Rule:
     """
 
     grip: float = 3.0
-    grip_cap: float = 1.0
-    room: float = 8.0
-    room_cap: float = 0.1
+    grip_cap: float = 0.3
+    room: float = 14.0
+    room_cap: float = -0.06
 
     def __post_init__(self) -> None:
         check_numbers(self, least=("grip", "room"), finite=("grip_cap", "room_cap"))
