@@ -93,7 +93,8 @@ def _combos(half: Index, scores: Array, options: Index) -> Index:
     while np.prod(counts, dtype=np.float64) > MOST:
         counts[counts.argmax()] -= 1
     lists = [np.argsort(-scores[j], kind="stable")[:count] for j, count in zip(half, counts, strict=True)]
-    return np.array(list(itertools.product(*lists)), dtype=np.int_).reshape(-1, len(half))
+    rows = list(itertools.product(*lists))
+    return np.array(rows, dtype=np.int_).reshape(len(rows), len(half))
 
 
 def _top(values: Array, count: int) -> Index:

@@ -96,7 +96,7 @@ class Leap:
     Arguments:
         name: a word.
         robot: with an inertia; every limb may have ``LegLimits``.
-        phases: of stance and flight, in order; the first and the last have contacts.
+        phases: of stance and flight, in order; the first, where the body rests, and the last have contacts.
         timings_s: durations of the phases, one of these is to be chosen [s].
         footholds: one for every time that a limb begins to stand, with its candidates, or with the toe that stands
             already; ``frame`` is the phase in which it begins.
@@ -202,7 +202,10 @@ class Leap:
         return replace(self, timings_s=(self.timings_s[timing],))
 
     def _check_phases(self, where: str) -> None:
-        if len(self.phases) < 1 or not self.phases[0].limbs or not self.phases[-1].limbs:
+        ends = [self.phases[0], self.phases[-1]] if self.phases else []
+        if not self.start.rests:
+            ends = ends[1:]  # which may begin in the air
+        if not self.phases or not all(phase.limbs for phase in ends):
             raise InvalidInput(f"{where}phases: expected contacts in the first and in the last phase, got a flight")
         if self.intervals > MOST_INTERVALS:
             raise InvalidInput(f"{where}phases: expected at most {MOST_INTERVALS} intervals, got {self.intervals}")

@@ -26,7 +26,10 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
 from .certificate import CertificateReport
+from .explain import Explanation, Relaxation
 
+MOST_GRIP = 3.0
+"""An explanation looks no further."""
 GUARD = 1e-7
 """A leaf's bound has to be above this, for multipliers of at most 1: far more than rounding."""
 
@@ -35,7 +38,8 @@ def check_leap_certificate(leap: Leap, certificate: Certificate) -> CertificateR
     """Replay a certificate's tree and bound every leaf; never raises for a bad certificate."""
     try:
         leaves = _replayed(leap, certificate)
-        bounds = np.array([_Bounds(leap, timing).least(row, opened) for timing, opened, row in leaves])
+        timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
+        bounds = np.array([timings[timing].parts(row).least(opened) for timing, opened, row in leaves])
     except _Refused as error:
         return CertificateReport(accepted=False, lower_bound=0.0, leaves=0, weakest=-1, message=f"rejected: {error}")
     weakest = int(bounds.argmin())
@@ -48,40 +52,45 @@ def check_leap_certificate(leap: Leap, certificate: Certificate) -> CertificateR
     return CertificateReport(accepted=accepted, lower_bound=bound, leaves=len(bounds), weakest=weakest, message=message)
 
 
-def friction_needed(leap: Leap, certificate: Certificate, most: float = 3.0) -> list[tuple[str, int, float, float]]:
-    """By foothold, the least friction of all its candidates at which a leaf of a certificate fails.
+def explain_leap(leap: Leap, certificate: Certificate) -> Explanation:
+    """How far friction under each toe, or reach of each limb, must grow at least before a certificate fails.
 
-    Returns (limb, phase, the largest friction that it has now, what it needs) of every foothold for which some friction
-    up to ``most`` makes the certificate fail, the smallest growth first. Raises nothing; [] for a bad certificate.
+    Returns these growths, the smallest relative one first, and the first of them in one line; a certificate that is not
+    accepted explains nothing.
     """
-    try:
-        leaves = _replayed(leap, certificate)
-    except _Refused:
-        return []
+    report = check_leap_certificate(leap, certificate)
+    if not report.accepted:
+        return Explanation(relaxations=(), message=f"not explained: the certificate is {report.message}")
+    timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
+    leaves = [(timings[timing].parts(row), opened) for timing, opened, row in _replayed(leap, certificate)]
     found = []
     for j, foothold in enumerate(leap.footholds):
         now = max(patch.friction for patch in foothold.candidates)
-        needed = math.inf
-        for timing, opened, row in leaves:
-            needed = min(needed, _needed(_Bounds(leap, timing), row, opened, j, min(needed, most)))
-        if now < needed <= most:
-            found.append((foothold.limb, foothold.frame, now, needed))
-    return sorted(found, key=lambda one: one[3] - one[2])
+        needed = min(parts.grip_needed(opened, j) for parts, opened in leaves)
+        place = f"friction under {foothold.limb} in phase {foothold.frame}"
+        if needed > now:
+            found.append(Relaxation(parameter=place, leg=foothold.limb, now=now, needed=needed, unit=""))
+    for i, limb in enumerate(leap.robot.limbs):
+        more = min(parts.reach_needed(opened, i) for parts, opened in leaves)
+        now = limb.reach_m
+        found.append(Relaxation(parameter=f"reach of {limb.name}", leg=limb.name, now=now, needed=now + more, unit="m"))
+    found.sort(key=lambda one: one.relative)
+    best = found[0]
+    if not math.isfinite(best.needed):
+        message = "infeasible: no friction and no reach of a single toe would do"
+    elif best.unit:
+        message = f"infeasible: {best.leg} cannot reach far enough: {best.now:.3g} m, {best.needed:.3g} m needed"
+    else:
+        phase = best.parameter.rpartition(" ")[2]
+        message = (
+            f"infeasible: no candidate of {best.leg} in phase {phase} can push enough: μ {best.now:.2f} at most, "
+            f"{best.needed:.2f} needed"
+        )
+    return Explanation(relaxations=tuple(found), message=message)
 
 
 class _Refused(Exception):
     """Why a certificate is none."""
-
-
-def _needed(bounds: _Bounds, row: Array, opened: Array, j: int, most: float) -> float:
-    """The least friction of foothold ``j`` at which a leaf's bound fails, inf where none up to ``most`` does."""
-    if bounds.least(row, opened, grip={j: most}) > GUARD:
-        return math.inf
-    low, high = 0.0, most
-    for _ in range(24):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if bounds.least(row, opened, grip={j: middle}) <= GUARD else (middle, high)
-    return high
 
 
 def _replayed(leap: Leap, certificate: Certificate) -> list[tuple[int, list[list[int]], Array]]:
@@ -132,6 +141,46 @@ class _Stand:
     foothold: int
 
 
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """A leaf's sum: a constant, slopes on toes and on forces by interval, levers of intervals at rest, |r| by limb."""
+
+    bounds: _Bounds
+    constant: float
+    toes: Array
+    slopes: Array
+    levers: dict[int, Array]
+    pulls: Array
+
+    def least(self, opened: list[list[int]], but: int = -1) -> float:
+        """The least value of the sum over open candidates; but: a foothold that is left out."""
+        total = self.constant
+        for j, own in enumerate(opened):
+            if j != but:
+                total += min((self.bounds.candidate(self, j, r) for r in own), default=math.inf)
+        return total
+
+    def grip_needed(self, opened: list[list[int]], j: int) -> float:
+        """The least friction of foothold ``j`` at which the leaf fails, inf where none up to ``MOST_GRIP`` does."""
+        rest = self.least(opened, but=j)
+
+        def holds(grip: float) -> bool:
+            values = (self.bounds.candidate(self, j, r, grip) for r in opened[j])
+            return rest + min(values, default=math.inf) > GUARD
+
+        if holds(MOST_GRIP):
+            return math.inf
+        low, high = 0.0, MOST_GRIP
+        for _ in range(16):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if holds(middle) else (low, middle)
+        return high
+
+    def reach_needed(self, opened: list[list[int]], i: int) -> float:
+        """By how much a limb must reach farther before the leaf fails [m]; inf where it weighs nothing."""
+        return self.least(opened) / self.pulls[i] if self.pulls[i] > 0.0 else math.inf
+
+
 class _Bounds:
     """The bounds of one timing of a leap, written from its own patches, limbs and limits."""
 
@@ -147,11 +196,8 @@ class _Bounds:
         spaces = sum(self.rows_of[stand.limb] for stand in self.stands)
         self.sizes = (3 * standing, spaces, standing, 3, 3, 3 * len(at_rest), 3 * len(at_rest))
 
-    def least(self, row: Array, opened: list[list[int]], grip: dict[int, float] | None = None) -> float:
-        """The least value of the sum over open candidates; grip: other friction of some footholds.
-
-        Raises _Refused for a row of another length.
-        """
+    def parts(self, row: Array) -> _Parts:
+        """What multipliers weigh. Raises _Refused for a row of another length."""
         if len(row) != sum(self.sizes):
             raise _Refused(f"expected {sum(self.sizes)} multipliers per leaf, got {len(row)}")
         parts = np.split(row, np.cumsum(self.sizes)[:-1])
@@ -200,27 +246,25 @@ class _Bounds:
             # −μ·(c × e_z) = −(μ_x c_y − μ_y c_x)
             on_com = np.array([turning[1], -turning[0], 0.0])
             constant += self._follow(on_com, 0.0 if k == 0 else last, slopes)
-        for j in range(len(leap.footholds)):
-            values = [self._candidate(j, r, toes[j], slopes, levers, (grip or {}).get(j)) for r in opened[j]]
-            constant += min(values, default=math.inf)
-        return float(constant)
+        pulls = np.zeros(len(leap.robot.limbs))
+        for stand, pull in zip(self.stands, reach, strict=True):
+            pulls[stand.limb] += float(np.linalg.norm(pull))
+        return _Parts(self, float(constant), toes, slopes, levers, pulls)
 
-    def _candidate(
-        self, j: int, r: int, pull: Array, slopes: Array, levers: dict[int, Array], grip: float | None
-    ) -> float:
-        """The least of P·p + Σ (y + μ × p)·f over a candidate, at a corner of it."""
+    def candidate(self, parts: _Parts, j: int, r: int, grip: float | None = None) -> float:
+        """The least of P·p + Σ (y + μ × p)·f over a candidate, at a corner of it; grip: another friction."""
         foothold, patch = self.leap.footholds[j], self.leap.footholds[j].candidates[r]
         friction = patch.friction if grip is None else grip
         corners = patch.vertices_m if foothold.toe_m is None else foothold.toe_m[None]
-        values = corners @ pull
+        values = corners @ parts.toes[j]
         limb = self.leap.robot.limb_names.index(foothold.limb)
         phases = self.leap.interval_phases
         for k in range(self.leap.intervals):
             if self.leap.holds[phases[k], limb] != j:
                 continue
-            slope = np.tile(slopes[k], (len(corners), 1))
-            if k in levers:
-                slope = slope + np.cross(levers[k], corners)
+            slope = np.tile(parts.slopes[k], (len(corners), 1))
+            if k in parts.levers:
+                slope = slope + np.cross(parts.levers[k], corners)
             normal = slope @ patch.normal
             shear = np.linalg.norm(slope - normal[:, None] * patch.normal, axis=1)
             values = values + np.minimum(normal - friction * shear, 0.0) * self._most(k, limb)
