@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from ..problem.leap import Leap
 from .leap_plan import LeapPlan
+from .leap_report import LeapReport
 from .outcome import Certificate, Status
-
-if TYPE_CHECKING:
-    from ..verify.leaps import LeapReport
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,6 +25,12 @@ class LeapOutcome:
         tries: choices of contacts that were tried; solves: convex problems; seconds: wall clock [s].
         message: why it is undecided.
         details: further numbers of the method.
+    Example:
+        >>> import stancekit
+        >>> from stancekit.planners.problem.leap_json import leap_from_keys
+        >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
+        >>> stancekit.plan(leap).status.value
+        'feasible'
     """
 
     status: Status

@@ -31,6 +31,12 @@ class LeapPlan:
         com_m, velocity_m_s, momentum_m2_s, rotation_rad: c, v, L per mass and Θ at the ends of the intervals, which
             follow from the forces; shape (M + 1, 3) each.
         provenance: what made it, names to texts or numbers.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> from stancekit.planners.problem.leap_json import leap_from_keys
+        >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
+        >>> stancekit.plan(leap).plan.at(np.array([0.0, 0.5]))["com_m"].shape
+        (2, 3)
     """
 
     leap: Leap

@@ -44,6 +44,14 @@ class LeapFinder:
         share: of the friction, that plans use.
         proof: convex problems at most in search of a proof, after no plan was found; 0 for none.
         seed: of noise and of random choices.
+    Raises:
+        InvalidInput: for another order, and numbers out of range.
+    Example:
+        >>> import stancekit
+        >>> from stancekit.planners.problem.leap_json import leap_from_keys
+        >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
+        >>> stancekit.plan(leap, stancekit.LeapFinder(order="rule")).method
+        'rule'
     """
 
     order: Order = "finder"

@@ -110,9 +110,8 @@ class Leap:
     Source:
         Newton and Euler for one rigid body: v' = Σ f / m + g, L' = Σ (p − c) × f, I Θ' = L.
     Example:
-        >>> import numpy as np
-        >>> from stancekit.planners.problem.leap_classes import leap_class
-        >>> leap = leap_class("leap").draw(np.random.default_rng(0))
+        >>> from stancekit.planners.problem.leap_json import leap_from_keys
+        >>> leap = leap_from_keys({"distribution": "leap", "seed": 0}, "drawn")
         >>> [phase.limbs for phase in leap.phases]
         [('LF', 'RF', 'LH', 'RH'), (), ('LF', 'RF', 'LH', 'RH')]
     """

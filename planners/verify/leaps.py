@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..answer.leap_plan import NUMBERS, LeapPlan
+from ..answer.leap_report import TOLERANCE, LeapReport
 from ..answer.report import GroupViolation
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 
-TOLERANCE = 1e-3
-"""Largest violation that is accepted, in the units of ``UNITS``."""
 SUBSTEPS = 16
 UNITS = {
     "patch": ("m", 0.1),
@@ -41,36 +39,6 @@ UNITS = {
 }
 """Unit of each group in SI, and what 1 of its non-dimensional violation is in it: forces are in units of the weight,
 momenta in those of their limit, power in those of the weight times m/s."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LeapReport:
-    """The verifier's word on one leap.
-
-    accepted: the worst violation is at most the tolerance. worst: non-dimensional. groups: the worst of each group,
-    ``frame`` its interval. momentum_error: the largest distance of a claimed L from the one that was integrated, in
-    units of the limit of L. defect: why there was nothing to check; empty when there was.
-    """
-
-    accepted: bool
-    worst: float
-    groups: tuple[GroupViolation, ...]
-    plan: LeapPlan = field(repr=False)
-    tolerance: float = TOLERANCE
-    momentum_error: float = math.inf
-    defect: str = ""
-
-    @property
-    def message(self) -> str:
-        """One line: the verdict, and the worst group, where and by how much."""
-        verdict = "accepted" if self.accepted else "rejected"
-        if self.defect:
-            return f"{verdict}: {self.defect}"
-        group = max(self.groups, key=lambda one: one.worst)
-        if group.worst <= 0.0:
-            return f"{verdict}: no constraint is violated"
-        place = f"interval {group.frame}" + (f", limb {group.limb}" if group.limb else "")
-        return f"{verdict}: the worst is {group.group} at {place}, off by {group.value:.3g} {group.unit}".rstrip()
 
 
 def check_leap(plan: LeapPlan) -> LeapReport:
