@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from .motions import simulate as simulate
     from .pictures import draw as draw
     from .pictures import film as film
+    from .planners.answer.leap_outcome import LeapOutcome as LeapOutcome
+    from .planners.answer.leap_plan import LeapPlan as LeapPlan
     from .planners.answer.outcome import Certificate as Certificate
     from .planners.answer.outcome import Outcome as Outcome
     from .planners.answer.outcome import Posture as Posture
@@ -46,7 +48,9 @@ if TYPE_CHECKING:
     from .planners.errors import InvalidInput as InvalidInput
     from .planners.errors import StancekitError as StancekitError
     from .planners.gait.method.portfolio import GaitPlan as GaitPlan
+    from .planners.leap.finder import LeapFinder as LeapFinder
     from .planners.problem.course import Course as Course
+    from .planners.problem.leap import Leap as Leap
     from .planners.problem.posture import Contact as Contact
     from .planners.problem.posture import PostureProblem as PostureProblem
     from .planners.projection.whole_body_limits import WholeBodyLimits as WholeBodyLimits
@@ -92,6 +96,8 @@ _HOMES = {
     "learners.selectors.selector": ("Learned",),
     "motions": ("run", "simulate"),
     "pictures": ("draw", "film"),
+    "planners.answer.leap_outcome": ("LeapOutcome",),
+    "planners.answer.leap_plan": ("LeapPlan",),
     "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
     "planners.answer.plan": ("Plan",),
     "planners.answer.plan_outcome": ("PlanOutcome",),
@@ -99,7 +105,9 @@ _HOMES = {
     "planners.answer.trajectory": ("Trajectory",),
     "planners.errors": ("InvalidInput", "StancekitError"),
     "planners.gait.method.portfolio": ("GaitPlan",),
+    "planners.leap.finder": ("LeapFinder",),
     "planners.problem.course": ("Course",),
+    "planners.problem.leap": ("Leap",),
     "planners.problem.posture": ("Contact", "PostureProblem"),
     "planners.projection.whole_body_limits": ("WholeBodyLimits",),
     "planners.relaxation.envelope": ("Envelope", "EnvelopeSet"),

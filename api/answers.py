@@ -6,6 +6,8 @@ from typing import overload
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import RecheckReport, recheck
+from stancekit.planners.answer.leap_outcome import LeapOutcome
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.plan_outcome import PlanOutcome
@@ -15,6 +17,7 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.verify import (
     Explanation,
     check_certificate,
@@ -22,12 +25,14 @@ from stancekit.planners.verify import (
     check_posture,
 )
 from stancekit.planners.verify import explain as explain_proof
+from stancekit.planners.verify.leap_proof import check_leap_certificate, explain_leap
+from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.trajectories import check_trajectory
 
 
 @checked
 def explain(
-    subject: Outcome | PlanOutcome | PostureProblem | Course,
+    subject: Outcome | PlanOutcome | LeapOutcome | PostureProblem | Course | Leap,
     certificate: Certificate | None = None,
     *,
     tolerance: float | None = None,
@@ -36,11 +41,12 @@ def explain(
 
     Parameters of a posture problem: friction, reach and largest normal force of each contact, COM radius, tilt limit,
     the cheapest growth first. Of a course, for its weakest leaf: the limits of E11, reach, COM radius and friction
-    where the proof pulls most, the one that changes least relative to what it is first.
+    where the proof pulls most, the one that changes least relative to what it is first. Of a leap: friction under every
+    toe, and reach of every limb.
 
     Arguments:
         subject: an infeasible answer of ``solve`` or ``plan``, which has its problem and its certificate; or a posture
-            problem or a course with a ``certificate``.
+            problem, a course or a leap with a ``certificate``.
         certificate: that it has no answer.
         tolerance: largest moment residual that a proof leaves open, non-dimensional; the verifier's own where None.
     Returns:
@@ -57,14 +63,18 @@ def explain(
         >>> stancekit.explain(outcome).relaxations[0].parameter
         'friction'
     """
-    if isinstance(subject, Outcome | PlanOutcome):
+    if isinstance(subject, Outcome | PlanOutcome | LeapOutcome):
         if certificate is not None:
             raise InvalidInput("certificate: expected none with an answer, which has its own, got a Certificate")
         if subject.problem is None or subject.certificate is None or subject.status is not Status.INFEASIBLE:
             raise InvalidInput(f"explain: expected an answer that is infeasible, got one that is {subject.status}")
-        return explain_proof(subject.problem, subject.certificate, tolerance=tolerance)
+        subject, certificate = subject.problem, subject.certificate
     if certificate is None:
         raise InvalidInput(f"certificate: expected one with a {type(subject).__name__}, got none")
+    if isinstance(subject, Leap):
+        if tolerance is not None:
+            raise InvalidInput("tolerance: expected none with a leap, whose proofs leave no residual open")
+        return explain_leap(subject, certificate)
     return explain_proof(subject, certificate, tolerance=tolerance)
 
 
@@ -73,25 +83,28 @@ def explain(
 @overload
 def verify(subject: PostureProblem, answer: Posture, *, tolerance: float = 1e-6) -> Report[Posture]: ...
 @overload
-def verify(subject: PostureProblem | Course, answer: Certificate) -> Report[Certificate]: ...
+def verify(subject: PostureProblem | Course | Leap, answer: Certificate) -> Report[Certificate]: ...
 @overload
 def verify(subject: Plan, answer: None = None, *, tolerance: float = 1e-6) -> Report[Plan]: ...
+@overload
+def verify(subject: LeapPlan, answer: None = None) -> Report[LeapPlan]: ...
 @overload
 def verify(subject: Trajectory, answer: None = None) -> Report[Trajectory]: ...
 @overload
 def verify(subject: Dataset, answer: None = None) -> RecheckReport: ...
 @checked
 def verify(
-    subject: PostureProblem | Course | Plan | Trajectory | Dataset,
+    subject: PostureProblem | Course | Leap | Plan | LeapPlan | Trajectory | Dataset,
     answer: Posture | Certificate | None = None,
     *,
     tolerance: float = 1e-6,
-) -> Report[Posture | Plan | Trajectory | Certificate] | RecheckReport:
+) -> Report[Posture | Plan | LeapPlan | Trajectory | Certificate] | RecheckReport:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
 
     Arguments:
-        subject: a posture problem with its ``answer``, a posture or a certificate; a course with a certificate that it
-            has no plan; or alone, what carries its question: a plan of key frames, a gait trajectory, a data set.
+        subject: a posture problem with its ``answer``, a posture or a certificate; a course or a leap with a
+            certificate that it has no plan; or alone, what carries its question: a plan of key frames or of a leap, a
+            gait trajectory, a data set.
         answer: what is claimed of the problem or course.
         tolerance: largest violation of a constraint by an accepted posture or plan, non-dimensional. Certificates and
             walks have limits of their own.
@@ -113,6 +126,10 @@ def verify(
             return check_posture(subject, answer, tolerance=tolerance)
         case (PostureProblem() | Course()), Certificate():
             return check_certificate(subject, answer)
+        case Leap(), Certificate():
+            return check_leap_certificate(subject, answer)
+        case LeapPlan(), None:
+            return check_leap(subject)
         case Plan(), None:
             return check_plan(subject, tolerance=tolerance, joints=True)
         case Trajectory(), None:
@@ -121,6 +138,6 @@ def verify(
             return recheck(subject)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
     raise InvalidInput(
-        "verify: expected a posture problem with a posture or a certificate, a course with a certificate, or alone a "
-        f"plan, a trajectory or a data set; got {came}"
+        "verify: expected a posture problem with a posture or a certificate, a course or a leap with a certificate, or "
+        f"alone a plan, a trajectory or a data set; got {came}"
     )

@@ -6,17 +6,22 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
+from stancekit.planners.answer.leap_outcome import LeapOutcome
 from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.arrays import checked as checked_number
+from stancekit.planners.files.validation import shown
+from stancekit.planners.formats.leap_file import is_leap_file
+from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import CoursePlanner
@@ -41,7 +46,7 @@ OLD = {
 LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "clearance_m"}
 
 
-@checked
+@overload
 def plan(
     course: Course | PostureProblem | Footholds | str | Path,
     method: str | Method | CoursePlanner = "two-stage",
@@ -53,13 +58,29 @@ def plan(
     body: WholeBodyLimits = WholeBodyLimits(),
     time_limit_s: float = 60.0,
     **old: Any,
-) -> PlanOutcome:
-    """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries.
+) -> PlanOutcome: ...
+@overload
+def plan(course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float = 60.0) -> LeapOutcome: ...
+@checked
+def plan(
+    course: Course | PostureProblem | Footholds | Leap | str | Path,
+    method: str | Method | CoursePlanner | LeapFinder = "two-stage",
+    *,
+    start_xy_m: Array | Sequence[float] | None = None,
+    goal_xy_m: Array | Sequence[float] | None = None,
+    frames: int | None = None,
+    robot: Robot | str | Path | None = None,
+    body: WholeBodyLimits = WholeBodyLimits(),
+    time_limit_s: float = 60.0,
+    **old: Any,
+) -> PlanOutcome | LeapOutcome:
+    """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries; or a leap.
 
     Arguments:
         course: a ``Course``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
             YAML or JSON file; one posture problem is a course of one frame. With a start and a goal also a terrain: a
-            mesh, a grid or a cloud in a file, or what ``terrain`` returned.
+            mesh, a grid or a cloud in a file, or what ``terrain`` returned. A ``Leap`` (of a file: ``load``) is planned
+            by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and ``time_limit_s``.
         method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds the best plan of a
             short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline that fails on ice). Or text:
             "two-stage", ..., a name that a package registered under ``stancekit.course_planners``, "FILE.py:NAME". Or a
@@ -76,7 +97,8 @@ def plan(
         A ``PlanOutcome``: feasible with a ``plan`` that the verifier accepted in every stance and between them, as far
         as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a robot's own
         legs, for the course in ``problem``; or undecided, also with a plan whose joints cannot do it, whose bodies
-        collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan.
+        collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan. Of a
+        leap a ``LeapOutcome``.
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are missing or have no
             use.
@@ -89,6 +111,11 @@ def plan(
         ('feasible', (4, 3))
     """
     deadline = time.perf_counter() + checked_number(time_limit_s, "time_limit_s", least=0.0)
+    if isinstance(course, Leap):
+        beside_leap = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m, "frames": frames, "robot": robot, **old}
+        return _leap(course, method, beside_leap, time_limit_s)
+    if isinstance(method, LeapFinder):
+        raise InvalidInput(f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}")
     beside = ("course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "time_limit_s")
     given = old_arguments("plan", old, OLD, beside) if old else {}
     called = "planner" if "planner" in given else "method"
@@ -111,6 +138,18 @@ def plan(
     else:
         planner = course_through_verifier(method)
     return plan_course(question, planner, shares=shares, limits=limits, deadline=deadline)
+
+
+def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: float) -> LeapOutcome:
+    """Plan a leap. others: arguments that it does not take. Raises InvalidInput."""
+    for name, value in others.items():
+        if value is not None:
+            raise InvalidInput(f"{name}: expected none with a leap, which has its own")
+    if method == "two-stage":  # nothing was said
+        method = LeapFinder()
+    if not isinstance(method, LeapFinder):
+        raise InvalidInput(f"method: expected a LeapFinder for a leap, got {shown(method)}")
+    return find_leap(leap, method, time_limit_s=time_limit_s)
 
 
 def _made(called: str, method: str | Method, options: PlannerOptions, settings: dict[str, Any]) -> CoursePlanner:
@@ -145,6 +184,8 @@ def _question(
         course = Course.of_posture(course)
     if isinstance(course, str | Path):
         name = str(course)
+        if is_leap_file(name):
+            raise InvalidInput(f"{name}: expected a course, got a leap: plan(load({name!r}))")
         if Path(name).suffix.lower() in SUFFIXES:
             raise InvalidInput(f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none")
         if Path(name).suffix == ".json":

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, overload
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
@@ -18,13 +19,14 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml
 from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.formats import plan_file, proof_file, trajectory_file
+from stancekit.planners.formats import leap_file, plan_file, proof_file, trajectory_file
 from stancekit.planners.formats.answer_file import read_envelopes, read_modes, read_problems, write_boxes
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course
 from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.problem.family_scene import family_name
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot.walker import named_walker
@@ -32,8 +34,8 @@ from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 
 Kind = TypeVar("Kind")
-Proof = tuple[PostureProblem | Course, Certificate]
-Saved = PostureProblem | Course | EnvelopeSet | Modes | Plan | Proof | Trajectory | Learned
+Proof = tuple[PostureProblem | Course | Leap, Certificate]
+Saved = PostureProblem | Course | Leap | EnvelopeSet | Modes | Plan | LeapPlan | Proof | Trajectory | Learned
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     "posture": lambda path: _only(_problems(path), path),
     "course": read_course,
@@ -42,6 +44,7 @@ _READERS: Mapping[str, Callable[[Path], Any]] = {
     "plan": lambda path: plan_file.read_plan(path)[0],
     "proof": proof_file.read_proof,
     "no-plan": proof_file.read_proof,
+    "leap": lambda path: _leap(path),
     "gait": lambda path: trajectory_file.read_trajectory(path).trajectory,
 }
 """By what stands between the slashes of a file's format, e.g. ``stancekit/plan/2``."""
@@ -62,7 +65,8 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     Returns:
         PostureProblem, or a list of them where the file holds JSON lines or an array (``stancekit/posture/1``); Course
         (``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the pair (PostureProblem or Course, Certificate) of
-        a proof; Trajectory of a gait; Dataset; GaitRobot (YAML or URDF); what a safetensors file of a neural
+        a proof; Leap, or LeapPlan or such a pair where its file holds an answer (``stancekit/leap/1``, or YAML);
+        Trajectory of a gait; Dataset; GaitRobot (YAML or URDF); what a safetensors file of a neural
         selector, chooser or policy holds, as ``Learned``. Nothing is unpickled.
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
@@ -88,9 +92,9 @@ def save(
     """Write a thing to a file that ``load`` reads back, whole or not at all.
 
     Arguments:
-        thing: a posture problem, several of them (JSON lines), a course, envelopes, modes, a plan, a walk, the pair of
-            a problem or course and its certificate, or what ``fit`` returned. A plan and a walk are verified, and the
-            verdict is written with them. A data set is a folder that ``label`` writes.
+        thing: a posture problem, several of them (JSON lines), a course, a leap, envelopes, modes, a plan, a walk, the
+            pair of a problem, course or leap and its certificate, or what ``fit`` returned. A plan and a walk are
+            verified, and the verdict is written with them. A data set is a folder that ``label`` writes.
         path: the file; .json, but .safetensors for what has a network.
     Raises:
         InvalidInput: for another kind of thing, and where nothing can be written.
@@ -108,6 +112,12 @@ def save(
             write_text(path, json.dumps(thing.to_json(), indent=1) + "\n")
         case Course():
             write_text(path, json.dumps(course_to_json(thing), indent=1) + "\n")
+        case Leap():
+            leap_file.write_leap(path, thing)
+        case LeapPlan():
+            leap_file.write_leap(path, thing.leap, thing)
+        case [Leap() as leap, Certificate() as certificate]:
+            leap_file.write_leap(path, leap, None, certificate)
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Plan():
@@ -133,7 +143,10 @@ def _read(path: Path) -> Any:
     if path.suffix == ".safetensors":
         return load_selector(path)
     if path.suffix in (".yaml", ".yml"):
-        return read_course(path) if "terrain" in read_yaml(path) else named_walker(path)
+        data = read_yaml(path)
+        if leap_file.is_leap(data):
+            return _leap(path)
+        return read_course(path) if "terrain" in data else named_walker(path)
     if path.suffix == ".urdf":
         return named_walker(path)
     if path.suffix == ".npz":
@@ -149,6 +162,14 @@ def _read(path: Path) -> Any:
         known = ", ".join(f"stancekit/{name}" for name in _READERS)
         raise InvalidInput(f"{path}: expected a format of {known}, got {shown(format_)}")
     return _READERS[rest[0]](path)
+
+
+def _leap(path: Path) -> Any:
+    """The leap of a file, or what answers it there: its plan, or the pair of it and its certificate."""
+    found = leap_file.read_leap(path)
+    if found.plan is not None:
+        return found.plan
+    return found.leap if found.certificate is None else (found.leap, found.certificate)
 
 
 def _problems(path: Path) -> list[PostureProblem]:

@@ -47,12 +47,14 @@ class PlanCourse:
 
     COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a published scene (anymal-stairs,
     talos-ramp, …), a YAML or JSON file of your own, or with --start and --goal a terrain's file, as `stancekit terrain`
-    has them; a file of one posture problem is a course of one frame.
+    has them; a file of one posture problem is a course of one frame. A file with phases, or with a distribution, is a
+    leap: its planners are finder, farkas, rule, noise and random.
 
       stancekit plan walls --frames 8 --out climb.json --picture climb.png
       stancekit plan icy-walls --html climb.html
       stancekit plan rubble.stl --start 0,0 --goal 2,0.5 --robot go1.urdf
       stancekit verify climb.json
+      stancekit plan leap.yaml --out leap.json
 
     A plan that is found has been accepted by a verifier that knows nothing of planners: every stance of every key
     frame, and the way between. status is feasible, infeasible (with a proof that was checked) or undecided (a limit was
@@ -127,8 +129,13 @@ class PlanCourse:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.courses import plan
         from stancekit.planners.answer.outcome import Status
+        from stancekit.planners.formats.leap_file import is_leap_file
         from stancekit.planners.formats.proof_file import write_proof
 
+        if is_leap_file(self.course):
+            from .leap_plan import plan_leap
+
+            return plan_leap(self)
         begin = time.perf_counter()
         self._check()
         planner, limits = self._planner(), self._limits()

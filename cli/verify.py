@@ -25,8 +25,8 @@ EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
 class Verify:
     """Check answers again: postures and proofs, a data set, a plan of key frames, a gait.
 
-    With one file, `stancekit verify plan.json`, a plan of key frames, a proof that there is none, or a gait trajectory
-    is checked against the course or terrain in the file, whatever the file says of itself.
+    With one file, `stancekit verify plan.json`, a plan of key frames or of a leap, a proof that there is none, or a
+    gait trajectory is checked against the course or terrain in the file, whatever the file says of itself.
 
     With two, `stancekit verify problems.jsonl answers.jsonl`, the n-th answer is taken for the n-th problem; answers
     are what `stancekit solve --certificate --out answers.jsonl` writes.
@@ -86,8 +86,13 @@ class Verify:
         from stancekit.planners.files.documents import read_json
         from stancekit.planners.formats import plan_file, proof_file
         from stancekit.planners.formats import trajectory_file as record
+        from stancekit.planners.formats.leap_file import is_leap_file
 
         name = str(self.problems)
+        if is_leap_file(self.problems):
+            from .leap_plan import verify_leap
+
+            return verify_leap(self.problems, explain=self.explain, json=self.json)
         try:
             data = read_json(self.problems)
         except InvalidInput as error:

@@ -20,8 +20,10 @@ from ..cached import cached_property
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..problem.course_json import course_to_json
+from ..problem.leap import Leap
 from ..robot.urdf import joint_names
 from .hindrance import plan_hindrance, walk_hindrance
+from .leap_plan import NUMBERS, LeapPlan
 from .outcome import Certificate, Posture
 from .plan import Plan
 from .trajectory import Trajectory
@@ -58,7 +60,7 @@ OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
 ROUNDING = 1e-12
 """Non-dimensional violations of a plan below this are nobody's fault."""
-S = TypeVar("S", bound=Posture | Plan | Trajectory | Certificate, covariant=True)
+S = TypeVar("S", bound=Posture | Plan | LeapPlan | Trajectory | Certificate, covariant=True)
 Verdict = Literal["holds", "violated", "not checked", "not asked for"]
 OLD_VERDICTS = {"holds": "checked", "violated": "failed"}
 """The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
@@ -158,7 +160,8 @@ class Report(Generic[S]):
 
     Arguments:
         groups: each group of constraints, with where it is worst.
-        subject: the problem or course that was answered; of a walk None, as the walk says itself what it was asked.
+        subject: the problem, course or leap that was answered; of a walk None, as the walk itself says what it was
+            asked.
         answer: what was judged.
         tolerance: largest violation that is accepted, without unit; 0 of a walk, whose groups have limits of their own.
         figures: further measurements, of which none is judged. Of a posture and a plan: residual_nm, the norm of the
@@ -181,7 +184,7 @@ class Report(Generic[S]):
     """
 
     groups: tuple[Group, ...]
-    subject: PostureProblem | Course | None = field(repr=False)
+    subject: PostureProblem | Course | Leap | None = field(repr=False)
     answer: S = field(repr=False)
     tolerance: float
     figures: Mapping[str, float] = field(default_factory=dict)
@@ -220,7 +223,7 @@ class Report(Generic[S]):
     def checked(self) -> tuple[str, ...]:
         """The groups that were judged; those of contacts are one, "contacts", of a posture and of a plan."""
         judged = [group.name for group in self.groups if group.verdict in OLD_VERDICTS]
-        if isinstance(self.answer, Posture | Plan):
+        if isinstance(self.answer, Posture | Plan | LeapPlan):
             return ("contacts", *(name for name in judged if name in WHOLE_BODY))
         return tuple(judged)
 
@@ -270,6 +273,12 @@ class Report(Generic[S]):
             content = {"limits": dict(self.limits), "accepted": self.accepted, "defect": self.defect}
             content["checked"] = list(self.checked)
             return _sha256(content if self.defect else {**content, "trajectory": self.answer.digest})
+        if isinstance(self.answer, LeapPlan):
+            from ..problem.leap_json import leap_to_json  # of leaps alone
+
+            plan = {name: getattr(self.answer, name).tolist() for name in (*NUMBERS, "choice")}
+            content = {"leap": leap_to_json(self.answer.leap), "plan": {**plan, "timing": self.answer.timing}}
+            return _digest(content, self.tolerance, self.accepted)
         of = {"problem": self.subject.to_json()} if isinstance(self.subject, PostureProblem) else {}
         kind = "posture" if isinstance(self.answer, Posture) else "certificate"
         return _digest({**of, kind: self.answer.to_json()}, self.tolerance, self.accepted)
@@ -300,11 +309,14 @@ class Report(Generic[S]):
             balanced = of_plan and cast("Plan", self.answer).course.uncarried
             return verdict + then + ("balanced in every frame" if balanced else "no constraint is violated")
         place = group.where
-        if of_plan:
-            place = f"frame {group.frame}" + (f", limb {group.limb}" if group.limb else "")
+        if of_plan or isinstance(self.answer, LeapPlan):
+            moment = "frame" if of_plan else "interval"
+            place = f"{moment} {group.frame}" + (f", limb {group.limb}" if group.limb else "")
             if group.share:
                 place += f", {group.share:.0%} of the way to frame {group.frame + 1}"
-        size = f"off by {group.value:.3g} {group.unit}" if group.unit else "nobody there carries as the schedule says"
+        size = f"off by {group.value:.3g} {group.unit}".rstrip()
+        if group.name == "schedule":
+            size = "nobody there carries as the schedule says"
         return f"{verdict}{then}worst is {group.name}{f' ({place})' if place else ''}, {size}"
 
     def _walk_line(self) -> str:

@@ -74,25 +74,24 @@ class Plan:
         return {"one": one == 1, "positive": self.weights >= 0}
 
     def within_reach(self, *, inner: bool = False) -> Terms:
-        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK of every limb at every frame (E11), the rotation linearised.
+        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK wherever a limb stands (E11), the rotation linearised.
 
         Of half-spaces of reach the outer set, or the inner one (``robot.reach``).
         """
-        frame = np.repeat(np.arange(self.layout.frames), self.layout.limbs)
-        limb = np.tile(np.arange(self.layout.limbs), self.layout.frames)
+        frame, limb, foothold = self.layout.standing
         shoulders = self.scaled.shoulders[limb]
         hips = self.com[frame] + shoulders + cross(self.rotation[frame], shoulders)
-        legs = self.toes[np.ravel(self.layout.holds)] - hips
+        legs = self.toes[foothold] - hips
         ball = {"reach": cp.SOC(self.scaled.reach[limb], legs, axis=1)}
-        return {**ball, **self._half_spaces(frame, inner)} if self.layout.reach_rows else ball
+        return {**ball, **self._half_spaces(inner)} if self.layout.reach_rows else ball
 
-    def _half_spaces(self, frame: Index, inner: bool) -> Terms:
+    def _half_spaces(self, inner: bool) -> Terms:
         """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖ ≤ b, with d = p_w − c."""
-        its, row = self.scaled.half_spaces, np.tile(np.arange(len(self.layout.row_limbs)), self.layout.frames)
-        at, limb = np.repeat(np.arange(self.layout.frames), len(self.layout.row_limbs)), self.layout.row_limbs[row]
+        (frame, _, foothold), (which, row) = self.layout.standing, self.layout.standing_rows
+        its, limb = self.scaled.half_spaces, self.layout.row_limbs[row]
         leg = cp.Variable((len(frame), 3), name="leg")
-        is_leg = leg - self.toes[np.ravel(self.layout.holds)] + self.com[frame] == 0
-        normals, legs, turn = its.normals[row], leg[at * self.layout.limbs + limb], self.rotation[at]
+        is_leg = leg - self.toes[foothold] + self.com[frame] == 0
+        normals, legs, turn = its.normals[row], leg[which], self.rotation[frame[which]]
         along, most = cp.sum(cp.multiply(normals, legs), axis=1), turned_most(normals, self.scaled.tilt)
         if inner:
             room = its.bounds[row] - along - cp.sum(cp.multiply(its.levers[row], turn), axis=1)

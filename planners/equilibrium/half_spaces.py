@@ -85,17 +85,16 @@ def within_half_spaces(
 ) -> None:
     """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), the outer set, or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖ ≤ b, the inner one.
 
-    com, rotation: columns of c and Θ, (M, 3); put_toes: see ``terms.Toes``. The rows are all half-spaces, frame by
-    frame; d = p_w − c has columns of its own.
+    com, rotation: columns of c and Θ, (M, 3); put_toes: see ``terms.Toes``. The rows are all half-spaces of the limbs
+    that stand, frame by frame; d = p_w − c has columns of its own.
     """
-    each = layout.frames * layout.limbs
-    leg, is_leg = rows.variable("leg", each, 3), rows.equal("leg", each, 3)
+    frame, _, foothold = layout.standing
+    leg, is_leg = rows.variable("leg", len(frame), 3), rows.equal("leg", len(frame), 3)
     rows.put(is_leg, leg, 1.0)
-    rows.put(is_leg, np.repeat(com, layout.limbs, axis=0), 1.0)
-    put_toes(is_leg, np.array(layout.holds, dtype=np.int_).ravel(), -1.0)
-    count = len(layout.row_limbs)
-    own = leg.reshape(layout.frames, layout.limbs, 3)[:, layout.row_limbs].reshape(-1, 3)
-    row = np.tile(np.arange(count), layout.frames)
+    rows.put(is_leg, com[frame], 1.0)
+    put_toes(is_leg, foothold, -1.0)
+    which, row = layout.standing_rows
+    own = leg[which]
     if inner:
         cone = rows.cones("reach_rows", len(row), 4)
         at, levers, bounds = cone[:, 0], "levers", "bounds"
@@ -104,7 +103,7 @@ def within_half_spaces(
     else:
         at, levers, bounds = rows.at_most("reach_rows", len(row)), "outer_levers", "outer_bounds"
     rows.put(at[:, None], own, Of("scaled.half_spaces.normals", row))
-    rows.put(at[:, None], np.repeat(rotation, count, axis=0), Of(f"scaled.half_spaces.{levers}", row))
+    rows.put(at[:, None], rotation[frame[which]], Of(f"scaled.half_spaces.{levers}", row))
     rows.right(at, Of(f"scaled.half_spaces.{bounds}", row))
 
 

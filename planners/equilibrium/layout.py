@@ -21,15 +21,17 @@ from ..errors import InvalidInput
 from ..files.arrays import cached_arrays
 
 Index = NDArray[np.int_]
+LIFTED = -1
+"""In place of a foothold: the limb stands on nothing at that frame."""
 
 
 @dataclass(frozen=True)
 class Layout:
     """What decides the rows and columns of a program; programs of equal layouts differ in their numbers only.
 
-    holds: the foothold under each limb at each frame, (M, N); stances: (frame, limbs) of each;
-    corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's reach
-    has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
+    holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N); stances: (frame, limbs) of
+    each; corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's
+    reach has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
     relative: (limb, other, how many half-spaces) of every pair of feet whose distance is limited where the limb moves.
     """
 
@@ -99,10 +101,29 @@ class Layout:
         return np.array([frame for frame, _ in self.stances], dtype=np.int_)
 
     @cached_arrays
-    def moves(self) -> Index:
-        """(foothold before, foothold after) of every toe that moves, by frame, then limb; shape (moves, 2)."""
+    def standing(self) -> tuple[Index, Index, Index]:
+        """(frame, limb, foothold) wherever a limb stands, by frame, then limb, each of shape (T,)."""
         table = np.array(self.holds, dtype=np.int_)
-        changed = np.argwhere(table[1:] != table[:-1])
+        frame, limb = np.nonzero(table != LIFTED)
+        return frame, limb, table[frame, limb]
+
+    @cached_arrays
+    def standing_rows(self) -> tuple[Index, Index]:
+        """(row in ``standing``, half-space) of every half-space of a limb that stands, by frame; each of shape (·,)."""
+        number = np.full((self.frames, self.limbs), LIFTED)
+        number[self.standing[:2]] = np.arange(len(self.standing[0]))
+        table = number[:, self.row_limbs]
+        kept = table != LIFTED
+        return table[kept], np.broadcast_to(np.arange(len(self.row_limbs)), table.shape)[kept]
+
+    @cached_arrays
+    def moves(self) -> Index:
+        """(foothold before, foothold after) of every toe that moves, by frame, then limb; shape (moves, 2).
+
+        A limb that is lifted, or that was, takes no step.
+        """
+        table = np.array(self.holds, dtype=np.int_)
+        changed = np.argwhere((table[1:] != table[:-1]) & (table[1:] != LIFTED) & (table[:-1] != LIFTED))
         return np.array([(table[k, i], table[k + 1, i]) for k, i in changed], dtype=np.int_).reshape(-1, 2)
 
     @cached_arrays
@@ -111,9 +132,9 @@ class Layout:
         table = np.array(self.holds, dtype=np.int_)
         found = [
             (table[k + 1, limb], table[k + 1, other], pair)
-            for k, i in np.argwhere(table[1:] != table[:-1]).tolist()
+            for k, i in np.argwhere((table[1:] != table[:-1]) & (table[1:] != LIFTED)).tolist()
             for pair, (limb, other, _) in enumerate(self.relative)
-            if limb == i
+            if limb == i and table[k + 1, other] != LIFTED
         ]
         return np.array(found, dtype=np.int_).reshape(-1, 3)
 

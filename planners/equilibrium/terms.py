@@ -123,16 +123,15 @@ class Body:
             self._rows.right(stay, Of("held." + name))
 
     def reach(self, toes: Toes, *, inner: bool = False) -> None:
-        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK for every limb at every frame (E11), the rotation linearised.
+        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK wherever a limb stands (E11), the rotation linearised.
 
         Of half-spaces of reach the outer set, or the inner one, which plans are to be in (``robot.reach``).
         """
         layout, rows = self._layout, self._rows
-        leg = rows.cones("reach", layout.frames * layout.limbs, 4)
-        frame = np.repeat(np.arange(layout.frames), layout.limbs)
-        limb = np.tile(np.arange(layout.limbs), layout.frames)
+        frame, limb, foothold = layout.standing
+        leg = rows.cones("reach", len(frame), 4)
         rows.put(leg[:, 1:], self.com[frame], 1.0)
-        toes.put(leg[:, 1:], np.array(layout.holds, dtype=np.int_).ravel(), -1.0)
+        toes.put(leg[:, 1:], foothold, -1.0)
         i, j = [1, 2, 0], [2, 0, 1]  # (Θ × v)_k = Θ_i v_j − Θ_j v_i
         rows.put(leg[:, 1:], self.rotation[frame][:, i], Of("scaled.shoulders", (limb[:, None], j)))
         rows.put(leg[:, 1:], self.rotation[frame][:, j], -Of("scaled.shoulders", (limb[:, None], i)))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +23,29 @@ SAME = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class LegLimits:
+    """Limits of a leg that moves fast, for leaps.
+
+    hip_m: p_BH, where the leg begins in the body frame, shape (3,) [m]. speed_m_s: largest rate at which hip and toe
+    move apart or together [m/s]; power_w: largest power at the toe, either way [W]; fold_m: least distance of hip and
+    toe [m]. Raises InvalidInput for numbers out of range.
+    """
+
+    hip_m: Array
+    speed_m_s: float = math.inf
+    power_w: float = math.inf
+    fold_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hip_m", read_only(self.hip_m, (3,), "leg: hip_m"))
+        for name in ("speed_m_s", "power_w"):
+            value = getattr(self, name)
+            if value != math.inf:
+                object.__setattr__(self, name, checked(value, f"leg: {name}", above=0.0))
+        object.__setattr__(self, "fold_m", checked(self.fold_m, "leg: fold_m", least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Limb:
     """One limb: its shoulder in the body frame (paper E's v, E11) and the radius of its spherical workspace.
 
@@ -33,6 +57,7 @@ class Limb:
             holds them.
         sole_m: points (forward, left) of a rigid flat foot about its centre, shape (K, 2) [m]; None for a point foot.
             Reach and steps are of the centre.
+        leg: limits of its speed, power and length, which leaps ask for; None where nobody says.
     Raises:
         InvalidInput: for another name, a wrong shape, a reach that is not positive.
     Source:
@@ -48,6 +73,7 @@ class Limb:
     reach_m: float
     reach_rows: ReachRows | None = None
     sole_m: Array | None = None
+    leg: LegLimits | None = None
 
     def __post_init__(self) -> None:
         checked_name(self.name, "limb name")
@@ -68,6 +94,8 @@ class Robot:
         model: the robot's own legs, joint by joint, from its file; None where no more is known than its limbs.
         identity: name and digest of the model that it is of; empty where there is none, as of the default hexapod.
         relative_reach: where feet may be from a foot that is put down, in order of limb, then of the other.
+        inertia_kgm2: about the centre of mass in the body frame, shape (3, 3) [kg m²], which leaps ask for; None for
+            that of the model, if there is one.
     Raises:
         InvalidInput: for a mass that is not positive, no limbs, two of one name, or a model of another mass or of other
             legs.
@@ -86,6 +114,7 @@ class Robot:
     model: RobotModel | None = field(default=None, repr=False)
     identity: str = ""
     relative_reach: tuple[RelativeReach, ...] = ()
+    inertia_kgm2: Array | None = None
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -101,6 +130,8 @@ class Robot:
         self.select([name for pair in pairs for name in pair])
         if pairs != sorted(set(pairs), key=lambda pair: (names.index(pair[0]), names.index(pair[1]))):
             raise InvalidInput(f"robot {self.name}: relative_reach: expected each pair once, in order of the limbs")
+        if self.inertia_kgm2 is not None:
+            object.__setattr__(self, "inertia_kgm2", checked_inertia(self.inertia_kgm2, f"{where}inertia_kgm2"))
         if not isinstance(self.identity, str):
             raise InvalidInput(f"{where}identity: expected text, got {shown(self.identity)}")
         if self.model is not None:
@@ -126,6 +157,13 @@ class Robot:
             raise InvalidInput(f"robot {self.name}: expected point feet with a model of its legs, got soles")
 
     @property
+    def inertia(self) -> Array | None:
+        """Inertia about the centre of mass, its own or its model's, shape (3, 3) [kg m²]; None where nobody says."""
+        if self.inertia_kgm2 is not None:
+            return self.inertia_kgm2
+        return None if self.model is None else self.model.body.inertia_kgm2
+
+    @property
     def origin_m(self) -> Array:
         """p_BO, the origin that limbs are given from, in the base of the robot's legs, shape (3,) [m].
 
@@ -144,6 +182,17 @@ class Robot:
         for name in names:
             checked_choice(name, "leg", by_name)
         return tuple(by_name[name] for name in names)
+
+
+def checked_inertia(value: Any, where: str) -> Array:
+    """A symmetric positive definite matrix whose principal moments a body can have, shape (3, 3) [kg m²]."""
+    matrix = read_only(value, (3, 3), where)
+    if not np.allclose(matrix, matrix.T, atol=1e-9 + 1e-6 * float(np.abs(matrix).max())):
+        raise InvalidInput(f"{where}: expected a symmetric matrix, got {matrix.tolist()}")
+    moments = np.linalg.eigvalsh(matrix)
+    if moments[0] <= 0.0 or moments[0] + moments[1] < (1.0 - 1e-6) * moments[2]:
+        raise InvalidInput(f"{where}: expected moments that a body can have, got {moments.round(6).tolist()}")
+    return matrix
 
 
 def hexapod() -> Robot:

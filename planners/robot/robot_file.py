@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
+from ..files.arrays import LARGEST
 from ..files.documents import read_text, read_yaml
 from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
@@ -35,6 +36,15 @@ class ContactKeys(BaseModel):
         return FootContact(point_m=np.array(self.point_m), radius_m=self.radius_m)
 
 
+class LegKeys(BaseModel):
+    """Limits of a leg in a robot's file; what is not there is computed, or is no limit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    speed_m_s: Annotated[float, Field(gt=0.0, le=LARGEST)] | None = None
+    power_w: Annotated[float, Field(gt=0.0, le=LARGEST)] | None = None
+    fold_m: Annotated[float, Field(ge=0.0, le=LARGEST)] | None = None
+
+
 class RobotKeys(BaseModel):
     """The keys of a robot's YAML file; paths are from its folder, or from the provider's folder of robots.
 
@@ -47,6 +57,9 @@ class RobotKeys(BaseModel):
 
     For walks: trunk_half_m, half sides of the trunk's box in place of its shapes'; ceiling_m, how high above the centre
     of mass a foot may be; inner_m, how far a foot stays from the planes half way to the others [m].
+
+    For leaps: legs, by name or pattern, with speed_m_s, power_w and fold_m in place of what the joints' efforts,
+    velocities and limits give.
 
     In older files feet is a list, posture_rad a list of all joints' angles in pinocchio's order, and ranges_rad says
     how far below and above that posture the joints of a leg may go, for the first foot's leg, and mirrored for joints
@@ -71,6 +84,7 @@ class RobotKeys(BaseModel):
     voxel_m: Positive | None = None
     steps: int | None = None
     source: Any = None
+    legs: dict[str, LegKeys] = {}
 
 
 def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotModel:

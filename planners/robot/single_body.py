@@ -14,7 +14,7 @@ from ..files.arrays import Array, checked, checked_name, collect_errors, read_on
 from ..files.documents import read_yaml
 from ..files.validation import validation_errors
 from ..physics import GRAVITY_M_S2
-from .model import hexapod
+from .model import checked_inertia, hexapod
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel
@@ -75,7 +75,9 @@ class GaitRobot:
         where = f"robot {checked_name(self.name, 'name')}"
         collect_errors(
             lambda: object.__setattr__(self, "mass_kg", checked(self.mass_kg, f"{where}: mass_kg", above=0.0)),
-            lambda: object.__setattr__(self, "inertia_kgm2", _inertia(self.inertia_kgm2, f"{where}: inertia_kgm2")),
+            lambda: object.__setattr__(
+                self, "inertia_kgm2", checked_inertia(self.inertia_kgm2, f"{where}: inertia_kgm2")
+            ),
             lambda: object.__setattr__(
                 self, "stand_height_m", checked(self.stand_height_m, f"{where}: stand_height_m", above=0.0)
             ),
@@ -191,7 +193,10 @@ class _FootNumbers(BaseModel):
 
 
 class _Numbers(BaseModel):
-    """The keys of a robot's numbers; what they may be is said by ``GaitRobot`` and ``Foot``."""
+    """The keys of a robot's numbers; what they may be is said by ``GaitRobot`` and ``Foot``.
+
+    legs: limits of the legs in leaps, which ``leg_limits`` reads.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     name: str
@@ -201,6 +206,7 @@ class _Numbers(BaseModel):
     trunk_half_m: Any
     feet: list[_FootNumbers]
     source: Any = None
+    legs: Any = None
 
     def robot(self) -> GaitRobot:
         feet = []
@@ -209,7 +215,7 @@ class _Numbers(BaseModel):
                 feet.append(Foot(**dict(foot)))
             except InvalidInput as error:
                 raise InvalidInput(f"feet[{index}]: {error}") from None
-        numbers = {name: value for name, value in self if name not in ("feet", "source")}
+        numbers = {name: value for name, value in self if name not in ("feet", "source", "legs")}
         return GaitRobot(**numbers, feet=tuple(feet))
 
 
@@ -220,13 +226,3 @@ def half_sides(value: Any, where: str) -> Array:
         raise InvalidInput(f"{where}: expected sides above 0 m, got {sides.tolist()}")
     return sides
 
-
-def _inertia(value: Any, where: str) -> Array:
-    """A symmetric positive definite matrix whose principal moments a body can have, shape (3, 3) [kg m²]."""
-    matrix = read_only(value, (3, 3), where)
-    if not np.allclose(matrix, matrix.T, atol=1e-9 + 1e-6 * float(np.abs(matrix).max())):
-        raise InvalidInput(f"{where}: expected a symmetric matrix, got {matrix.tolist()}")
-    moments = np.linalg.eigvalsh(matrix)
-    if moments[0] <= 0.0 or moments[0] + moments[1] < (1.0 - 1e-6) * moments[2]:
-        raise InvalidInput(f"{where}: expected moments that a body can have, got {moments.round(6).tolist()}")
-    return matrix

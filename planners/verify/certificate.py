@@ -18,6 +18,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
+from ..problem.leap import Leap
 from .half_spaces import row_counts
 from .lagrangian import leaf_bounds
 from .soles import counts_of
@@ -42,7 +43,7 @@ def check_certificate(
     try:
         replayed = forest.replay(0, certificate)
     except InvalidInput as error:
-        return _report(subject, certificate, tolerance, 0.0, 0, -1, f"rejected: {error}")
+        return proof_report(subject, certificate, tolerance, 0.0, 0, -1, f"rejected: {error}")
     bounds = leaf_bounds(forest.numbers, forest.leaves({0: replayed}))
     weakest, leaves = int(np.argmin(bounds)), len(bounds)
     bound = float(bounds[weakest])
@@ -54,11 +55,11 @@ def check_certificate(
     else:
         scale = subject.weight_n * subject.length_scale_m if isinstance(subject, Course) else subject.moment_scale_nm
         message = f"refuted at all leaves ({leaves}): {bound * scale:.3g} Nm of moment or more are left over"
-    return _report(subject, certificate, tolerance, bound, leaves, weakest, message)
+    return proof_report(subject, certificate, tolerance, bound, leaves, weakest, message)
 
 
-def _report(
-    subject: PostureProblem | Course,
+def proof_report(
+    subject: PostureProblem | Course | Leap,
     certificate: Certificate,
     tolerance: float,
     bound: float,
@@ -66,7 +67,16 @@ def _report(
     weakest: int,
     message: str,
 ) -> Report[Certificate]:
-    """The report on a proof: one group, the least bound of its leaves, which has to exceed the tolerance."""
+    """The report on a proof: one group, the least bound of its leaves, which has to exceed the tolerance.
+
+    Arguments:
+        subject, certificate: what was proved of what.
+        tolerance: above which a bound has to be.
+        bound: the least.
+        leaves: how many were checked.
+        weakest: the leaf of that bound, −1 where there is none.
+        message: the verdict in one line.
+    """
     group = Group(
         name="bound",
         value=bound,

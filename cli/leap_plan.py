@@ -1,0 +1,130 @@
+"""What ``stancekit plan`` and ``stancekit verify`` do with a file of a leap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stancekit.planners.errors import InvalidInput
+
+from .console import complain, emit, out, progress
+
+if TYPE_CHECKING:
+    from stancekit.planners.answer.leap_outcome import LeapOutcome
+
+    from .plan import PlanCourse
+
+NO_USE = ("relaxation", "robot", "reach", "envelope", "torque_nm", "frames", "picture", "video", "html")
+"""Options of ``stancekit plan`` that a leap has no use for."""
+
+
+def plan_leap(asked: PlanCourse) -> int:
+    """Plan the leap of a file; exit code 1 without a plan. Raises InvalidInput for options that it has no use for."""
+    from stancekit.courses import plan
+    from stancekit.planners.answer.outcome import Status
+    from stancekit.planners.formats.leap_file import read_leap, write_leap
+
+    leap = read_leap(asked.course).leap
+    method = _method(asked)
+    with progress(f"plan {leap.name} by {method.order}"):
+        outcome = plan(leap, method, time_limit_s=asked.time_limit_s)
+    if asked.out is not None and outcome.plan is not None:
+        write_leap(asked.out, leap, outcome.plan)
+    if asked.proof is not None and outcome.certificate is not None:
+        write_leap(asked.proof, leap, None, outcome.certificate)
+    reason = _reason(outcome)
+    if asked.json:
+        emit(_record(outcome, reason))
+    else:
+        out.print(f"{leap.name}: {outcome.status.value}, {outcome.tries} tries, {outcome.solves} solves, "
+                  f"{1e3 * outcome.seconds:.0f} ms", highlight=False)  # fmt: skip
+        if outcome.plan is not None and outcome.report is not None:
+            out.print(f"verifier: {outcome.report.message}", highlight=False)
+            out.print("contacts alone were judged, not joints and bodies", highlight=False)
+    for path, there in ((asked.out, outcome.plan), (asked.proof, outcome.certificate)):
+        if path is not None:
+            complain(f"wrote {path}" if there is not None else f"{path}: not written, since there is none")
+    if outcome.plan is None:
+        complain(f"stancekit: no plan: {leap.name}: {reason}")
+    return int(outcome.status is not Status.FEASIBLE)
+
+
+def verify_leap(path: Path, *, explain: bool, json: bool) -> int:
+    """Check the plan or the certificate in a file of a leap; exit code 1 where it is refused.
+
+    Raises InvalidInput for a file that holds neither.
+    """
+    from stancekit.planners.formats.leap_file import read_leap
+    from stancekit.planners.verify.leap_proof import check_leap_certificate, explain_leap
+    from stancekit.planners.verify.leaps import check_leap
+
+    found = read_leap(path)
+    if found.plan is not None:
+        report = check_leap(found.plan)
+        kind, accepted, message = "leap", report.accepted, report.message
+    elif found.certificate is not None:
+        proof = check_leap_certificate(found.leap, found.certificate)
+        kind, accepted, message = "no-leap", proof.accepted, proof.message
+        if explain and accepted:
+            message += "; " + explain_leap(found.leap, found.certificate).message
+    else:
+        raise InvalidInput(f"{path}: expected a leap with a plan or a certificate, got the question alone")
+    if json:
+        verdict = "accepted" if accepted else "refused"
+        emit({"where": str(path), "kind": kind, "verdict": verdict, "message": message})
+    else:
+        out.print(f"{path}: {message}")
+    return int(not accepted)
+
+
+def _method(asked: PlanCourse) -> Any:
+    """The finder that the options ask for. Raises InvalidInput."""
+    from typing import get_args
+
+    from stancekit.planners.files.writing import check_writable
+    from stancekit.planners.leap.finder import LeapFinder, Order
+
+    for name in NO_USE:
+        if getattr(asked, name) is not None:
+            option = name.replace("_", "-")
+            raise InvalidInput(f"--{option}: expected none with a leap, got {getattr(asked, name)}")
+    orders = get_args(Order)
+    if asked.planner not in ("two-stage", *orders):
+        raise InvalidInput(f"--planner: expected one of {', '.join(orders)} with a leap, got {asked.planner}")
+    for path in (asked.out, asked.proof):
+        if path is not None:
+            check_writable(path)
+            if path.suffix != ".json":
+                raise InvalidInput(f"{path}: expected a file whose name ends with .json")
+    order = "finder" if asked.planner == "two-stage" else asked.planner
+    return LeapFinder(order=order, share=0.8 if asked.reserve else 1.0)
+
+
+def _reason(outcome: LeapOutcome) -> str:
+    """Why there is no plan; empty where there is one."""
+    from stancekit.planners.verify.leap_proof import explain_leap
+
+    if outcome.certificate is None:
+        return outcome.message
+    return explain_leap(outcome.problem, outcome.certificate).message
+
+
+def _record(outcome: LeapOutcome, reason: str) -> dict[str, Any]:
+    """Everything as one JSON object."""
+    from stancekit.planners.formats.leap_file import plan_to_json
+
+    record: dict[str, Any] = {
+        "leap": outcome.problem.name,
+        "planner": outcome.method,
+        "status": outcome.status.value,
+        "tries": outcome.tries,
+        "solves": outcome.solves,
+        "seconds": outcome.seconds,
+        "message": reason,
+    }
+    if outcome.plan is not None and outcome.report is not None:
+        record["verdict"] = outcome.report.to_json()
+        record["plan"] = plan_to_json(outcome.plan)
+    if outcome.certificate is not None:
+        record["leaves"] = len(outcome.certificate.multipliers)
+    return record

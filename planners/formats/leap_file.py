@@ -1,0 +1,106 @@
+"""Leap files ``stancekit/leap/1``: a question, and with it a plan or a certificate where there is one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..answer.leap_plan import NUMBERS, LeapPlan
+from ..answer.outcome import Certificate
+from ..errors import InvalidInput
+from ..files.arrays import plain_numbers
+from ..files.documents import read_json, read_yaml
+from ..files.validation import shown
+from ..files.writing import write_text
+from ..problem.leap import Leap
+from ..problem.leap_json import FORMAT, leap_from_keys, leap_to_json
+from ..robot.robot_file import YAML
+
+PLAN = ("timing", "choice", *NUMBERS, "provenance")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeapFile:
+    """The contents of a leap's file: the question, and a plan or a certificate, or neither."""
+
+    leap: Leap
+    plan: LeapPlan | None = None
+    certificate: Certificate | None = None
+
+
+def read_leap(path: str | Path) -> LeapFile:
+    """Read a leap's file, JSON or YAML. Raises InvalidInput, in one line, for anything else."""
+    data = read_yaml(path) if Path(path).suffix in YAML else read_json(path)
+    if not is_leap(data):
+        raise InvalidInput(f"{path}: expected a leap, with phases or a distribution, got {shown(data)}")
+    raw_plan, raw_proof = data.get("plan"), data.get("certificate")
+    leap = leap_from_keys({k: v for k, v in data.items() if k not in ("plan", "certificate")}, str(path))
+    try:
+        plan = None if raw_plan is None else plan_from_json(leap, raw_plan)
+        proof = None if raw_proof is None else Certificate.from_json(raw_proof)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+    return LeapFile(leap=leap, plan=plan, certificate=proof)
+
+
+def write_leap(
+    path: str | Path, leap: Leap, plan: LeapPlan | None = None, certificate: Certificate | None = None
+) -> None:
+    """Write a leap, with what answers it, whole or not at all. Raises InvalidInput where nothing can be written."""
+    content = leap_to_json(leap)
+    if plan is not None:
+        content["plan"] = plan_to_json(plan)
+    if certificate is not None:
+        content["certificate"] = certificate.to_json()
+    write_text(path, json.dumps(content, allow_nan=False) + "\n")
+
+
+def is_leap(data: Any) -> bool:
+    """Whether parsed contents say that they are a leap."""
+    if not isinstance(data, Mapping):
+        return False
+    drawn = "distribution" in data and set(data) <= {"distribution", "seed"}
+    return data.get("format") == FORMAT or "phases" in data or drawn
+
+
+def is_leap_file(path: str | Path) -> bool:
+    """Whether a JSON or YAML file that is there holds a leap."""
+    path = Path(path)
+    if path.suffix not in (*YAML, ".json") or not path.is_file():
+        return False
+    try:
+        return is_leap(read_yaml(path) if path.suffix in YAML else read_json(path))
+    except InvalidInput:
+        return False
+
+
+def plan_to_json(plan: LeapPlan) -> dict[str, Any]:
+    """A plan as JSON-ready values, without its question."""
+    numbers = {name: getattr(plan, name).tolist() for name in NUMBERS}
+    return {
+        "timing": plan.timing,
+        "choice": plan.choice.tolist(),
+        **numbers,
+        "provenance": dict(plan.provenance),
+    }
+
+
+def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
+    """Read what ``plan_to_json`` wrote. Raises InvalidInput."""
+    if not isinstance(data, Mapping) or set(data) != set(PLAN):
+        raise InvalidInput(f"plan: expected an object with the keys {', '.join(PLAN)}, got {shown(data)}")
+    timing, provenance = data["timing"], data["provenance"]
+    if isinstance(timing, bool) or not isinstance(timing, int):
+        raise InvalidInput(f"plan.timing: expected a whole number, got {shown(timing)}")
+    if not isinstance(provenance, Mapping):
+        raise InvalidInput(f"plan.provenance: expected an object, got {shown(provenance)}")
+    numbers: dict[str, Any] = {}
+    for name in ("choice", *NUMBERS):
+        try:
+            numbers[name] = plain_numbers(data[name])
+        except (TypeError, ValueError, OverflowError):
+            raise InvalidInput(f"plan.{name}: expected numbers, got {shown(data[name])}") from None
+    return LeapPlan(leap=leap, timing=timing, provenance=dict(provenance), **numbers)

@@ -1,0 +1,219 @@
+"""Planners of leaps: choose contacts, try them by SCP, learn cuts from what fails, and prove what no choice solves."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+
+from ..answer.leap_outcome import LeapOutcome
+from ..answer.outcome import Status
+from ..equilibrium.layout import Index
+from ..equilibrium.programs import Programs, programs_of_this_thread
+from ..errors import InvalidInput
+from ..files.arrays import Array, check_numbers, checked_choice, checked_int
+from ..problem.leap import Leap
+from ..verify.leap_proof import check_leap_certificate
+from ..verify.leaps import check_leap
+from .cuts import guide, plan_cut, ray
+from .numbers import LeapNumbers
+from .pick import Picker
+from .prove import ProofSearch, Prover, certificate_of
+from .rule import Rule
+from .scp import FRICTION_SHARE, STOP, Attempt, attempt, plan_of
+
+Order = Literal["random", "rule", "noise", "farkas", "finder"]
+DECIDED = 1e-3
+"""A first step that costs less than this says nothing of other choices."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeapFinder:
+    """How choices of contacts are made and tried.
+
+    Arguments:
+        order: "finder", the rule with both kinds of cuts; "farkas", with the cuts that prove alone; "rule", its best
+            sums first; "noise", the rule with noise and single changes of the best so far; "random".
+        rule: the hand rule's constants.
+        solves: convex problems at most in search of a plan; 25 find nearly all that is found.
+        stop: cost of a first step above which a choice is given up; inf never gives up.
+        price: of a unit of predicted cost, in score; 10 to 100 do the same.
+        share: of the friction, that plans use.
+        proof: convex problems at most in search of a proof, after no plan was found; 0 for none.
+        seed: of noise and of random choices.
+    Raises:
+        InvalidInput: for another order, and numbers out of range.
+    Example:
+        >>> import stancekit
+        >>> from stancekit.planners.problem.leap_json import leap_from_keys
+        >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
+        >>> stancekit.plan(leap, stancekit.LeapFinder(order="rule")).method
+        'rule'
+    """
+
+    order: Order = "finder"
+    rule: Rule = field(default_factory=Rule)
+    solves: int = 100
+    stop: float = STOP
+    price: float = 30.0
+    share: float = FRICTION_SHARE
+    proof: int = 60
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        checked_choice(self.order, "order", get_args(Order))
+        check_numbers(self, above=("share", "price"))
+        if not 0.0 < self.share <= 1.0:
+            raise InvalidInput(f"share: expected a share of the friction up to 1, got {self.share:g}")
+        checked_int(self.solves, "solves", least=1)
+        checked_int(self.proof, "proof")
+
+
+def find_leap(
+    leap: Leap,
+    method: LeapFinder = LeapFinder(),
+    *,
+    programs: Programs | None = None,
+    time_limit_s: float = 60.0,
+) -> LeapOutcome:
+    """Search for a leap, and for a proof that there is none where no plan is found.
+
+    Returns an outcome that is feasible with a plan that ``check_leap`` accepted, infeasible with a certificate that
+    ``check_leap_certificate`` accepted, or undecided.
+    """
+    begin = time.perf_counter()
+    deadline = begin + time_limit_s
+    search = LeapSearch(leap, method, programs or programs_of_this_thread())
+    for found in search.attempts():
+        if found.solved:
+            plan = plan_of(search.last.numbers, found, method.order)
+            report = check_leap(plan)
+            if report.accepted:
+                return LeapOutcome(
+                    status=Status.FEASIBLE,
+                    method=method.order,
+                    problem=leap,
+                    plan=plan,
+                    report=report,
+                    tries=search.tries,
+                    solves=search.solves,
+                    seconds=time.perf_counter() - begin,
+                )
+        if time.perf_counter() > deadline:
+            break
+    tried = search.solves
+    certificate = certificate_of(search.proofs(deadline)) if method.proof else None
+    message = "no choice that was tried has a leap, and nothing is proved"
+    if certificate is not None:
+        said = check_leap_certificate(leap, certificate)
+        if not said.accepted:
+            certificate, message = None, f"the proof was refused: {said.message}"
+    return LeapOutcome(
+        status=Status.UNDECIDED if certificate is None else Status.INFEASIBLE,
+        method=method.order,
+        problem=leap,
+        certificate=certificate,
+        tries=search.tries,
+        solves=search.solves,
+        seconds=time.perf_counter() - begin,
+        message="" if certificate is not None else message,
+        details={"search_solves": float(tried)},
+    )
+
+
+class _Timing:
+    """What is known of one timing: its numbers, scores, cuts, and multipliers."""
+
+    def __init__(self, leap: Leap, timing: int, method: LeapFinder) -> None:
+        self.numbers = LeapNumbers.of(leap, timing)
+        self.scores = method.rule.scores(self.numbers)
+        self.picker = Picker(self.scores, method.price)
+        self.rows: list[Array] = []
+        self.best: tuple[float, Index] | None = None
+        self.exhausted = False
+
+
+class LeapSearch:
+    """A search as far as it has come: attempts one by one, then proofs."""
+
+    def __init__(self, leap: Leap, method: LeapFinder, programs: Programs) -> None:
+        self._method, self._programs = method, programs
+        self._timings = [_Timing(leap, k, method) for k in range(len(leap.timings_s))]
+        self._rng = np.random.default_rng(method.seed)
+        self.last = self._timings[0]
+        self.tries = self.solves = 0
+
+    def attempts(self) -> Iterator[Attempt]:
+        """Attempts, timing by timing in turn, until the solves are spent or nothing is left to try."""
+        method, k = self._method, 0
+        while self.solves < method.solves and not all(each.exhausted for each in self._timings):
+            self.last = timing = self._timings[k % len(self._timings)]
+            k += 1
+            if timing.exhausted:
+                continue
+            choice = self._choice(timing)
+            if choice is None:
+                timing.exhausted = True
+                continue
+            found = attempt(self._programs, timing.numbers, choice, share=method.share, stop=method.stop)
+            self.tries += 1
+            self.solves += found.solves
+            self._learn(timing, found)
+            yield found
+
+    def proofs(self, deadline: float) -> list[ProofSearch]:
+        """A search for a proof for every timing, until one has none."""
+        found: list[ProofSearch] = []
+        for timing in self._timings:
+            if time.perf_counter() > deadline:
+                found.append(ProofSearch(tree=None, rows=[], solves=0))
+                break
+            prover = Prover(self._programs, timing.numbers, timing.rows[-8:], self._method.proof)
+            found.append(prover.prove())
+            self.solves += found[-1].solves
+            if found[-1].tree is None:
+                break
+        return found
+
+    def _learn(self, timing: _Timing, found: Attempt) -> None:
+        """Keep the cuts of an attempt that failed."""
+        picker, order = timing.picker, self._method.order
+        picker.tried.add(tuple(found.choice.tolist()))
+        if timing.best is None or found.cost < timing.best[0]:
+            timing.best = (found.cost, found.choice)
+        if found.solved:
+            return
+        if found.refuted:
+            row = ray(timing.numbers, found.solution)
+            timing.rows.append(row)
+            if order in ("farkas", "finder"):
+                cut = plan_cut(timing.numbers, row, self._method.share)
+                if cut.value(found.choice) > 0.0:
+                    picker.refute(cut)
+        elif order == "finder" and found.first > DECIDED:
+            picker.charge(guide(timing.numbers, found))
+
+    def _choice(self, timing: _Timing) -> Index | None:
+        """The next choice of a timing, None where there is none left."""
+        order, picker = self._method.order, timing.picker
+        if order == "random":
+            return self._drawn(timing, np.where(np.isfinite(timing.scores), 0.0, -np.inf), 1.0)
+        if order == "noise" and self.tries > 0:
+            return self._drawn(timing, timing.scores, min(1.0, 0.4 + 0.1 * self.tries))
+        return picker.best()
+
+    def _drawn(self, timing: _Timing, scores: Array, noise: float) -> Index | None:
+        """A choice with noise on the scores; every other one changes one toe of the best so far."""
+        rows = np.arange(len(scores))
+        for _ in range(60):
+            gumbel = self._rng.gumbel(size=scores.shape)
+            choice = np.asarray((scores + noise * gumbel).argmax(axis=1))
+            if self._method.order == "noise" and self.tries % 2 == 0 and timing.best is not None:
+                j = int(self._rng.choice(np.flatnonzero(np.isfinite(scores).sum(axis=1) > 1)))
+                choice = np.where(rows == j, choice, timing.best[1])
+            if timing.picker.allowed(choice):
+                return choice
+        return None

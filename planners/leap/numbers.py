@@ -1,0 +1,281 @@
+"""A leap for one timing as numbers: what its programs are loaded with, on the layout of postures and courses.
+
+Frames are instants: the ends of the M intervals and their middles, 2M + 1 in all. A stance is an interval in which some
+limb stands, at the frame of its middle. Lengths are in metres, forces in units of the weight, momenta per mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..cached import cached_property
+from ..equilibrium.half_spaces import HalfSpaces
+from ..equilibrium.layout import Index, Layout
+from ..equilibrium.scaled import Scaled
+from ..equilibrium.terms import Given
+from ..files.arrays import Array
+from ..physics import GRAVITY_M_S2
+from ..problem.leap import Leap
+from ..robot.model import LegLimits
+
+FREE_M = 10.0
+"""A radius that confines nothing [m]."""
+UNLIMITED = 1e3
+"""In place of a speed or a power that is not limited."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeapPoint:
+    """A motion and its forces, as a program is linearised about it and as it answers.
+
+    com, rotation: at the frames, shape (2M + 1, 3); velocity, momentum: at the ends of intervals, shape (M + 1, 3);
+    toes: shape (P, 3); forces: in the world in units of the weight, one per stance contact, shape (B, 3).
+    """
+
+    com: Array
+    rotation: Array
+    velocity: Array
+    momentum: Array
+    toes: Array
+    forces: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeapNumbers:
+    """A leap of one timing in numbers.
+
+    scaled: patches, limbs and limits by the rows of the layout, every candidate open. lasts: of the intervals, shape
+    (M,) [s]. spin: J⁻¹ of the inertia per mass, shape (3, 3). hips: shape (N, 3); speed, power, fold: by limb, power in
+    units of the weight times m/s. start, velocity, momentum: c, Θ (2, 3) and v, L at the start and at the end (2, 3).
+    """
+
+    leap: Leap
+    timing: int
+    scaled: Scaled
+    lasts: Array
+    spin: Array
+    hips: Array
+    speed: Array
+    power: Array
+    fold: Array
+    start: Array
+    velocity: Array
+    momentum: Array
+
+    @classmethod
+    def of(cls, leap: Leap, timing: int = 0) -> LeapNumbers:
+        """The numbers of a leap for one of its timings."""
+        times, robot = leap.times_s(timing), leap.robot
+        legs: list[LegLimits] = [leap.leg(limb) for limb in robot.limbs]
+        inertia = robot.inertia
+        assert inertia is not None
+        return cls(
+            leap=leap,
+            timing=timing,
+            scaled=_scaled(leap),
+            lasts=np.diff(times),
+            spin=np.linalg.inv(inertia / robot.mass_kg),
+            hips=np.array([leg.hip_m for leg in legs]),
+            speed=np.minimum([leg.speed_m_s for leg in legs], UNLIMITED),
+            power=np.minimum(np.array([leg.power_w for leg in legs]) / leap.weight_n, UNLIMITED),
+            fold=np.array([leg.fold_m for leg in legs]),
+            start=np.array([leap.start.com_m, leap.start.rotation_rad]),
+            velocity=np.array([leap.start.velocity_m_s, leap.goal.velocity_m_s]),
+            momentum=np.array([leap.start.momentum_m2_s, leap.goal.momentum_m2_s]),
+        )
+
+    @property
+    def layout(self) -> Layout:
+        """Of every candidate."""
+        return self.scaled.layout
+
+    @property
+    def intervals(self) -> int:
+        """M."""
+        return len(self.lasts)
+
+    @cached_property
+    def times(self) -> Array:
+        """Of the frames, shape (2M + 1,) [s]."""
+        ends = np.concatenate([[0.0], np.cumsum(self.lasts)])
+        times = np.zeros(2 * self.intervals + 1)
+        times[::2], times[1::2] = ends, 0.5 * (ends[1:] + ends[:-1])
+        return times
+
+    @cached_property
+    def stance_intervals(self) -> Index:
+        """The interval of every stance, shape (S,)."""
+        return np.asarray(self.layout.stance_frames // 2)
+
+    @cached_property
+    def contact_intervals(self) -> Index:
+        """The interval of every stance contact, shape (B,)."""
+        return np.asarray(self.stance_intervals[self.layout.contacts[0]])
+
+    def total(self, forces: Array) -> Array:
+        """F, the sum of the forces in every interval, shape (M, 3); forces: of the stance contacts, shape (B, 3)."""
+        total = np.zeros((self.intervals, 3))
+        np.add.at(total, self.contact_intervals, forces)
+        return total
+
+    @cached_property
+    def nominal(self) -> LeapPoint:
+        """The motion of least forces beside the weight that gets there, whatever the toes; toes are at no place."""
+        standing = np.unique(self.stance_intervals)
+        weight = self._weights(np.array([self.times[-1]]))[0][standing]  # of F on c at the end
+        rows = [GRAVITY_M_S2 * weight, GRAVITY_M_S2 * self.lasts[standing]]
+        end, at = self.times[-1], len(standing)
+        fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
+        carried = np.array([0.0, 0.0, 1.0])
+        right = [
+            self.leap.goal.com_m - self.start[0] - end * self.velocity[0] - 0.5 * end**2 * fall,
+            self.velocity[1] - self.velocity[0] - end * fall,
+        ]
+        for still, k in zip(self.leap.still, (0, at - 1), strict=True):
+            if still:
+                rows.append(np.eye(at)[k])
+                right.append(carried)
+        matrix, target = np.array(rows), np.array(right)
+        forces = carried + np.linalg.lstsq(matrix, target - matrix.sum(axis=1)[:, None] * carried, rcond=None)[0]
+        total = np.zeros((self.intervals, 3))
+        total[standing] = forces
+        count = np.bincount(self.layout.contacts[0], minlength=len(self.layout.stances))
+        per_contact = total[self.contact_intervals] / count[self.layout.contacts[0]][:, None]
+        com, velocity = self.ballistic(total)
+        zeros = np.zeros((self.intervals + 1, 3))
+        return LeapPoint(
+            com=com,
+            rotation=np.zeros_like(com),
+            velocity=velocity,
+            momentum=zeros,
+            toes=np.zeros((self.layout.footholds, 3)),
+            forces=per_contact,
+        )
+
+    def _weights(self, times: Array) -> Array:
+        """∫ (T − t) dt over the part of each interval before T, which c at T has of g F; shape (·, M) [s²]."""
+        left = np.maximum(times[:, None] - self.times[:-1:2], 0.0)
+        after = np.maximum(times[:, None] - self.times[2::2], 0.0)
+        return np.asarray(0.5 * (left**2 - after**2))
+
+    @cached_property
+    def fallen(self) -> Array:
+        """What c at every frame has of g F of every interval, shape (2M + 1, M) [s²]."""
+        return self._weights(self.times)
+
+    def ballistic(self, total: Array) -> tuple[Array, Array]:
+        """c at the frames, (2M + 1, 3), and v at the ends of intervals, (M + 1, 3), for forces F, shape (M, 3)."""
+        push = GRAVITY_M_S2 * (total - np.array([0.0, 0.0, 1.0]))
+        com = self.start[0] + self.times[:, None] * self.velocity[0] + self.fallen @ push
+        moved = np.concatenate([np.zeros((1, 3)), np.cumsum(self.lasts[:, None] * push, axis=0)])
+        return com, self.velocity[0] + moved
+
+    def means(self, com: Array, velocity: Array) -> Array:
+        """c̄ = (c + c′)/2 − dt (v′ − v)/12, the mean of c over every interval, shape (M, 3)."""
+        ends = com[::2]
+        return np.asarray(0.5 * (ends[1:] + ends[:-1]) - self.lasts[:, None] / 12.0 * np.diff(velocity, axis=0))
+
+    def turned(self, point: LeapPoint) -> tuple[Array, Array]:
+        """(L′ − L, Θ′ − Θ) of every interval as the forces of a point give them, with its L at the ends, (M, 3) each.
+
+        Exact for forces that are constant in an interval: ∫ L dt = dt (L + L′)/2 + g dt³/24 (v + v′) × F.
+        """
+        means = self.means(point.com, point.velocity)
+        arms = point.toes[self.layout.contacts[2]] - means[self.contact_intervals]
+        change = GRAVITY_M_S2 * self.lasts[:, None] * self.total(np.cross(arms, point.forces))
+        sums = point.velocity[1:] + point.velocity[:-1]
+        bend = self.lasts[:, None] ** 3 * GRAVITY_M_S2 / 24.0 * np.cross(sums, self.total(point.forces))
+        mean = 0.5 * self.lasts[:, None] * (point.momentum[1:] + point.momentum[:-1])
+        return change, (mean + bend) @ self.spin.T
+
+
+@dataclass(frozen=True, eq=False)
+class LeapGiven(Given):
+    """What a leap's program is loaded with: the chosen problem in ``scaled``, its leap and where it is linearised.
+
+    reserve_m: kept of heights and lengths; toe_radius: how far toes may be from those of the point [m].
+    """
+
+    its: LeapNumbers | None = None
+    at: LeapPoint | None = None
+    reserve_m: float = 0.0
+    toe_radius: float = FREE_M
+
+    @property
+    def numbers(self) -> LeapNumbers:
+        """``its``, which is there."""
+        assert self.its is not None
+        return self.its
+
+    @property
+    def point(self) -> LeapPoint:
+        """``at``, which is there."""
+        assert self.at is not None
+        return self.at
+
+
+def _scaled(leap: Leap) -> Scaled:
+    """Every candidate of a leap by the rows of its layout; what only courses have is empty."""
+    robot, limits, phases = leap.robot, leap.limits, leap.interval_phases
+    nodes = len(phases) + 1
+    by_interval = leap.holds[phases]
+    holds = np.full((2 * nodes - 1, len(robot.limbs)), -1)
+    holds[1::2] = by_interval
+    holds[2::2] = by_interval
+    holds[:-1:2] = np.where(by_interval >= 0, by_interval, holds[:-1:2])
+    stances = tuple(
+        (2 * k + 1, tuple(np.flatnonzero(row >= 0).tolist())) for k, row in enumerate(by_interval) if (row >= 0).any()
+    )
+    footholds = leap.footholds
+    patches = [patch for foothold in footholds for patch in foothold.candidates]
+    borders = [
+        patch.vertices_m if foothold.toe_m is None else foothold.toe_m[None]
+        for foothold in footholds
+        for patch in foothold.candidates
+    ]
+    sizes = iter(len(border) for border in borders)
+    layout = Layout(
+        holds=tuple(tuple(row) for row in holds.tolist()),
+        stances=stances,
+        corners=tuple(tuple(next(sizes) for _ in foothold.candidates) for foothold in footholds),
+        reach_rows=HalfSpaces.counts(robot.limbs),
+    )
+    most = np.full((len(layout.contacts[0]), 3), limits.force_share)
+    most[:, 0] *= _ramps(leap, layout)
+    return Scaled(
+        layout=layout,
+        options=max(len(foothold.candidates) for foothold in footholds),
+        which=tuple(tuple(range(len(foothold.candidates))) for foothold in footholds),
+        vertices=np.concatenate(borders),
+        frames=np.array([patch.frame for patch in patches]),
+        friction=np.array([patch.friction for patch in patches]),
+        shoulders=np.array([limb.shoulder_m for limb in robot.limbs]),
+        reach=np.array([limb.reach_m for limb in robot.limbs]),
+        force_min=np.concatenate([np.zeros((len(most), 1)), -most[:, 1:]], axis=1),
+        force_max=most,
+        weight=1.0,
+        com=np.tile(leap.goal.com_m, (layout.frames, 1)),
+        com_radius=np.append(np.full(layout.frames - 1, FREE_M), leap.goal_radius_m),
+        tilt=limits.tilt_rad,
+        steps=(FREE_M, FREE_M, FREE_M),
+        direction=np.zeros((layout.frames - 1, 3)),
+        progress=np.zeros(layout.frames - 1),
+        goal=leap.goal.com_m,
+        weights=None,
+        length_m=1.0,
+        force_n=leap.weight_n,
+        half_spaces=HalfSpaces.of(robot.limbs, 1.0, limits.tilt_rad),
+    )
+
+
+def _ramps(leap: Leap, layout: Layout) -> Array:
+    """The share of the largest force of every stance contact, shape (B,): less just after a toe lands and before it
+    lifts."""
+    stance, limb, _ = layout.contacts
+    interval = layout.stance_frames[stance] // 2
+    by_interval = leap.holds[leap.interval_phases]
+    before = np.concatenate([by_interval[:1], by_interval[:-1]])[interval, limb] < 0
+    after = np.concatenate([by_interval[1:], by_interval[-1:]])[interval, limb] < 0
+    return np.where(before | after, leap.limits.ramp, 1.0)

@@ -1,0 +1,186 @@
+"""A leap with given contacts: convex steps about the point so far, until the bilinear rows hold (SCP)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..answer.leap_plan import LeapPlan
+from ..cached import cached_property
+from ..equilibrium.conic_solution import ConicSolution, ConicStatus
+from ..equilibrium.layout import Index
+from ..equilibrium.programs import Programs
+from ..files.arrays import Array
+from .numbers import FREE_M, LeapGiven, LeapNumbers, LeapPoint
+from .program import LeapProgram
+from .terms import PRICES, SPEED_RESERVE, hip_velocities
+
+STEPS = 10
+STOP = 0.05
+"""A first step whose slack costs more than this is the last one: such contacts are hardly ever solved."""
+STUCK = 0.1
+"""A step that promises to win less than this share of the cost is the last one."""
+HOLDS = 1e-6
+"""Cost of what is left at which the rows hold."""
+RADIUS_M, LEAST_RADIUS_M = 0.2, 1e-4
+REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD = 0.008, 0.004, 0.01
+"""Kept of reach, height and tilt, for what rows at instants and a linearised rotation leave out."""
+LEAST_FRICTION = 1e-4
+"""Friction below this is raised to it in programs, so that a cone says that forces push."""
+FRICTION_SHARE = 0.8
+"""Share of the friction that plans use."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Attempt:
+    """An attempt at one choice of contacts.
+
+    choice: a candidate per foothold, shape (P,). point: the best one, None where the first step has none; cost: of what
+    is left of its rows; first: cost of the first step's slack, which nearly decides. solution: of that step, about
+    ``given``. solves: convex problems. share: of the friction.
+    """
+
+    choice: Index
+    point: LeapPoint | None
+    cost: float
+    first: float
+    solution: ConicSolution
+    given: LeapGiven
+    solves: int
+    share: float
+
+    @property
+    def solved(self) -> bool:
+        """Whether all rows hold."""
+        return self.point is not None and self.cost <= HOLDS
+
+    @cached_property
+    def refuted(self) -> bool:
+        """Whether the first step's hard rows have no answer, so that its multipliers are a Farkas ray."""
+        return self.solution.status is ConicStatus.INFEASIBLE
+
+
+def attempt(
+    programs: Programs,
+    numbers: LeapNumbers,
+    choice: Index,
+    *,
+    share: float = FRICTION_SHARE,
+    stop: float = STOP,
+    steps: int = STEPS,
+) -> Attempt:
+    """Try one choice of contacts from the nominal motion.
+
+    share: of the friction. stop: cost of the first step's slack above which there is no second
+    one; inf never stops. steps: convex problems at most.
+    """
+    scaled = numbers.scaled.chosen(choice)
+    scaled = replace(
+        scaled,
+        reach=scaled.reach - REACH_RESERVE_M,
+        tilt=scaled.tilt - TILT_RESERVE_RAD,
+        friction=np.maximum(share * scaled.friction, LEAST_FRICTION),
+    )
+    program = programs.get(LeapProgram, scaled.layout, numbers.leap.still)
+    middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
+    given = LeapGiven(scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=HEIGHT_RESERVE_M)
+    first = answer = program.solve(given)
+    if answer.point is None:
+        return Attempt(
+            choice=choice, point=None, cost=np.inf, first=np.inf, solution=first.solution, given=given, solves=1,
+            share=share,
+        )  # fmt: skip
+    best, cost, radius, solves = answer.point, cost_of(given, answer.point), RADIUS_M, 1
+    while cost > HOLDS and first.cost <= stop and solves < steps and radius > LEAST_RADIUS_M:
+        near = _near(given, best, radius)
+        answer = program.solve(near)
+        solves += 1
+        if answer.point is not None and cost - answer.cost < STUCK * cost:
+            break  # even the step's own rows say that little can be won
+        found = np.inf if answer.point is None else cost_of(near, answer.point)
+        if answer.point is not None and found < cost:
+            best, cost, radius = answer.point, found, min(2.0 * radius, RADIUS_M)
+        else:
+            radius *= 0.3
+    return Attempt(
+        choice=choice, point=best, cost=cost, first=first.cost, solution=first.solution, given=given, solves=solves,
+        share=share,
+    )  # fmt: skip
+
+
+def _near(given: LeapGiven, point: LeapPoint, radius: float) -> LeapGiven:
+    """The next step's problem: about a point, and not far from it."""
+    scaled, goal = given.scaled, given.scaled.com_radius[-1]
+    com, radii = point.com.copy(), np.full(len(point.com), 2.0 * radius)
+    com[-1], radii[-1], radii[0] = scaled.goal, goal, FREE_M
+    moved = replace(scaled, com=com, com_radius=radii)
+    return replace(given, scaled=moved, at=point, toe_radius=radius)
+
+
+def cost_of(given: LeapGiven, point: LeapPoint) -> float:
+    """What is left of the bilinear rows at a point, at the price of slack."""
+    at = replace(given, at=point)
+    numbers = given.numbers
+    change, turn = numbers.turned(point)
+    moment = np.diff(point.momentum, axis=0) - change
+    turned = np.diff(point.rotation[::2], axis=0) - turn
+    cost = PRICES["moment"] * float(np.abs(moment).sum()) + PRICES["turn"] * float(np.abs(turned).sum())
+    for name, over in _overs(at).items():
+        cost += PRICES[name] * float(np.maximum(over, 0.0).sum())
+    return cost
+
+
+def _overs(given: LeapGiven) -> dict[str, Array]:
+    """By how much speed, power, length and half-spaces fail, by group."""
+    numbers, point, layout = given.numbers, given.point, given.scaled.layout
+    frame, limb, foothold = layout.standing
+    hips = numbers.hips[limb]
+    hips = hips + np.cross(point.rotation[frame], hips)
+    leg = point.com[frame] + hips - point.toes[foothold]
+    length = np.linalg.norm(leg, axis=1)
+    own = np.flatnonzero(frame % 2 == 0)
+    spin = point.momentum[frame[own] // 2] @ numbers.spin.T
+    moves = point.velocity[frame[own] // 2] + np.cross(spin, hips[own])
+    rate = np.abs(np.sum(moves * leg[own], axis=1)) / length[own]
+    contact_limbs = np.concatenate([layout.contacts[1]] * 2)
+    power = np.abs(np.sum(np.concatenate([point.forces] * 2) * hip_velocities(given), axis=1))
+    found = {
+        "speed": rate - SPEED_RESERVE * numbers.speed[limb[own]],
+        "power": power - SPEED_RESERVE * numbers.power[contact_limbs],
+        "fold": numbers.fold[limb] + given.reserve_m - length,
+    }
+    if layout.reach_rows:
+        which, half = layout.standing_rows
+        spaces = given.scaled.half_spaces
+        normals = spaces.normals[half]
+        turned = normals + np.cross(point.rotation[frame[which]], normals)
+        away = (point.toes[foothold] - point.com[frame])[which]
+        found["inside"] = np.sum(turned * away, axis=1) - spaces.bounds[half] + given.reserve_m
+    return found
+
+
+def plan_of(numbers: LeapNumbers, found: Attempt, method: str) -> LeapPlan:
+    """The plan of an attempt, what its body does worked out from its forces."""
+    point, leap = found.point, numbers.leap
+    assert point is not None
+    com, velocity = numbers.ballistic(numbers.total(point.forces))
+    moving = replace(point, com=com, velocity=velocity)
+    change = numbers.turned(moving)[0]
+    momentum = numbers.momentum[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])
+    turn = numbers.turned(replace(moving, momentum=momentum))[1]
+    rotation = numbers.start[1] + np.concatenate([np.zeros((1, 3)), np.cumsum(turn, axis=0)])
+    forces = np.zeros((numbers.intervals, len(leap.robot.limbs), 3))
+    forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * leap.weight_n
+    return LeapPlan(
+        leap=leap,
+        timing=numbers.timing,
+        choice=found.choice,
+        com_m=com[::2],
+        velocity_m_s=velocity,
+        momentum_m2_s=momentum,
+        rotation_rad=rotation,
+        toes_m=point.toes,
+        forces_n=forces,
+        provenance={"method": method},
+    )

@@ -1,0 +1,373 @@
+"""The terms of a leap as rows, beside those of ``equilibrium.terms``: dynamics, what limits legs, and slack.
+
+Per mass and with forces in units of the weight, over an interval of dt with constant forces, F = Σ f:
+
+    v′ = v + g dt (F − e_z)          c′ = c + dt (v + v′)/2          L′ = L + g dt Σ (p − c̄) × f
+    c̄ = (c + c′)/2 − dt (v′ − v)/12          Θ′ = Θ + J⁻¹ (dt (L + L′)/2 + g dt³/24 (v + v′) × F)
+
+These are exact. L and Θ are bilinear; they are linearised about a point, with slack that costs. Linear rows are hard,
+and are relaxations of what any leap obeys, so that a Farkas ray weighs nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..equilibrium.gather import Of
+from ..equilibrium.layout import Index, Layout
+from ..equilibrium.rows import Rows
+from ..equilibrium.scaled import skew
+from ..equilibrium.terms import Body, Forces, FreeToes
+from ..files.arrays import Array
+from ..physics import GRAVITY_M_S2
+from .numbers import LeapGiven
+
+SPEED_RESERVE = 0.97
+"""Share of speeds and powers that plans use: rows ask at the ends of intervals."""
+PRICES = {"moment": 1.0, "turn": 0.1, "speed": 0.05, "power": 0.05, "fold": 0.3, "inside": 1.0}
+"""Of a unit of slack, by group: m²/s, rad, m/s, units of the weight times m/s, and m."""
+SLACKS = tuple(PRICES)
+
+
+class Dynamics:
+    """v, L, and how they, c and Θ go on over M intervals."""
+
+    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: Body, still: tuple[bool, bool]) -> None:
+        self._rows, self._layout, self._body = rows, layout, body
+        self.intervals = layout.frames // 2
+        self.velocity = rows.variable("velocity", self.intervals + 1, 3)
+        self._still = still
+
+    def linear(self, forces: Forces) -> None:
+        """v′ = v + g dt (F − e_z), c′ = c + dt (v + v′)/2, c in the middle, both ends, and rest in still intervals."""
+        rows, com, v, m = self._rows, self._body.com, self.velocity, self.intervals
+        faster = rows.equal("faster", m, 3)
+        rows.put(faster, v[1:], 1.0)
+        rows.put(faster, v[:-1], -1.0)
+        at = faster[self._layout.stance_frames[forces.stance] // 2]
+        rows.put(at[:, :, None], forces.columns[:, None, :], _pushed(forces, self._layout))
+        rows.right(faster[:, 2], lambda d: -GRAVITY_M_S2 * d.numbers.lasts)
+        moved = rows.equal("moved", m, 3)
+        rows.put(moved, com[2::2], 1.0)
+        rows.put(moved, com[:-1:2], -1.0)
+        for columns in (v[1:], v[:-1]):
+            rows.put(moved, columns, lambda d: -0.5 * d.numbers.lasts[:, None])
+        middle = rows.equal("middle", m, 3)  # c((t + t′)/2) = (c + c′)/2 − dt (v′ − v)/8
+        rows.put(middle, com[1::2], 1.0)
+        for columns, sign in ((com[:-1:2], -0.5), (com[2::2], -0.5)):
+            rows.put(middle, columns, sign)
+        rows.put(middle, v[1:], lambda d: d.numbers.lasts[:, None] / 8.0)
+        rows.put(middle, v[:-1], lambda d: -d.numbers.lasts[:, None] / 8.0)
+        begin = rows.equal("begin", 2, 3)
+        rows.put(begin[0], com[0], 1.0)
+        rows.put(begin[1], v[0], 1.0)
+        rows.right(begin[0], Of("its.start", 0))
+        rows.right(begin[1], Of("its.velocity", 0))
+        end = rows.equal("end", 3)
+        rows.put(end, v[-1], 1.0)
+        rows.right(end, Of("its.velocity", 1))
+        rest = rows.equal("rest", sum(self._still), 3)
+        for row, k in zip(rest, self.still_intervals, strict=True):
+            rows.put(row, v[k + 1], 1.0)
+            rows.put(row, v[k], -1.0)
+
+    @property
+    def still_intervals(self) -> list[int]:
+        """The first and the last interval, where the body rests in them."""
+        ends = (0, self.intervals - 1)
+        return [k for k, still in zip(ends, self._still, strict=True) if still]
+
+
+class Turning:
+    """L, Θ and how they go on, linearised about a point, one candidate per foothold."""
+
+    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: Body, dynamics: Dynamics) -> None:
+        self._rows, self._layout, self._body, self._dynamics = rows, layout, body, dynamics
+        self.momentum = rows.variable("momentum", dynamics.intervals + 1, 3)
+
+    def ends(self) -> None:
+        """L and Θ at the start, L at the end, and neither changes in still intervals."""
+        rows, momentum, rotation = self._rows, self.momentum, self._body.rotation
+        begin = rows.equal("begin_turn", 3, 3)
+        for row, columns in zip(begin, (rotation[0], momentum[0], momentum[-1]), strict=True):
+            rows.put(row, columns, 1.0)
+        rows.right(begin[0], Of("its.start", 1))
+        rows.right(begin[1:], Of("its.momentum"))
+        rest = rows.equal("rest_turn", len(self._dynamics.still_intervals), 3)
+        for row, k in zip(rest, self._dynamics.still_intervals, strict=True):
+            rows.put(row, momentum[k + 1], 1.0)
+            rows.put(row, momentum[k], -1.0)
+
+    def limits(self) -> None:
+        """|L| at the ends of intervals, and Θ at the end."""
+        rows, last = self._rows, self._body.rotation[-1]
+        for name, sign in (("spun", 1.0), ("spun_back", -1.0)):
+            within = rows.at_most(name, self._dynamics.intervals - 1, 3)
+            rows.put(within, self.momentum[1:-1], sign)
+            rows.right(within, lambda d: d.numbers.leap.limits.momentum_m2_s)
+        for name, sign in (("landed", 1.0), ("landed_back", -1.0)):
+            within = rows.at_most(name, 3)
+            rows.put(within, last, sign)
+            rows.right(within, lambda d: d.numbers.leap.limits.goal_tilt_rad)
+
+    def go_on(self, forces: Forces, toes: FreeToes) -> None:
+        """L′ − L and Θ′ − Θ about a point; Θ in the middle as of a parabola."""
+        rows, m, v, com = self._rows, self._dynamics.intervals, self._dynamics.velocity, self._body.com
+        stance, _, foothold = self._layout.contacts
+        at = self._layout.stance_frames[stance] // 2
+        standing = np.unique(at)
+        moment = rows.equal("moment", m, 3)
+        rows.put(moment, self.momentum[1:], 1.0)
+        rows.put(moment, self.momentum[:-1], -1.0)
+        _slack(rows, "moment", moment)
+        rows.put(moment[at][:, :, None], forces.columns[:, None, :], _arms)
+        assert toes.points is not None
+        rows.put(moment[at][:, :, None], toes.points[foothold][:, None, :], _levers)
+        for columns, share in ((com[:-1:2], 0.5), (com[2::2], 0.5)):
+            rows.put(moment[standing][:, :, None], columns[standing][:, None, :], _against(standing, share, 0.0))
+        for columns, share in ((v[1:], -1.0 / 12.0), (v[:-1], 1.0 / 12.0)):
+            rows.put(moment[standing][:, :, None], columns[standing][:, None, :], _against(standing, share, 1.0))
+        rows.right(moment, _offset)
+        turn = rows.equal("turn", m, 3)
+        rotation = self._body.rotation
+        rows.put(turn, rotation[2::2], 1.0)
+        rows.put(turn, rotation[:-1:2], -1.0)
+        _slack(rows, "turn", turn)
+        for columns in (self.momentum[1:], self.momentum[:-1]):
+            rows.put(
+                turn[:, :, None],
+                columns[:, None, :],
+                lambda d: -0.5 * d.numbers.lasts[:, None, None] * d.numbers.spin,
+            )
+        rows.put(turn[at][:, :, None], forces.columns[:, None, :], _bends)
+        for columns in (v[1:], v[:-1]):
+            rows.put(turn[standing][:, :, None], columns[standing][:, None, :], _bent(standing))
+        rows.right(turn, _bend_offset)
+        middle = rows.equal("turn_middle", m, 3)
+        rows.put(middle, rotation[1::2], 1.0)
+        for columns in (rotation[:-1:2], rotation[2::2]):
+            rows.put(middle, columns, -0.5)
+        for columns, sign in ((self.momentum[1:], 1.0), (self.momentum[:-1], -1.0)):
+            rows.put(
+                middle[:, :, None],
+                columns[:, None, :],
+                lambda d, sign=sign: sign / 8.0 * d.numbers.lasts[:, None, None] * d.numbers.spin,
+            )
+
+
+class Legs:
+    """What limits legs: height of the body, and speed, power and length about a point, which cost where they fail."""
+
+    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: Body, dynamics: Dynamics, toes: FreeToes) -> None:
+        self._rows, self._layout, self._body, self._dynamics, self._toes = rows, layout, body, dynamics, toes
+
+    def height(self) -> None:
+        """c_z ≥ p_z + height wherever a limb stands."""
+        frame, _, foothold = self._layout.standing
+        high = self._rows.at_most("height", len(frame))
+        assert self._toes.points is not None
+        self._rows.put(high, self._body.com[frame, 2], -1.0)
+        self._rows.put(high, self._toes.points[foothold, 2], 1.0)
+        self._rows.right(high, lambda d: -d.numbers.leap.limits.height_m - d.reserve_m)
+
+    def speed(self, momentum: Index) -> None:
+        """|ê·(v + ω × h)| ≤ speed at the ends of intervals, ê along the leg of the point, ω = J⁻¹ L."""
+        rows, (frame, limb, _) = self._rows, self._layout.standing
+        own = np.flatnonzero(frame % 2 == 0)
+        node = frame[own] // 2
+        slack = _one_slack(rows, "speed", len(own))
+        for name, sign in (("extends", 1.0), ("folds", -1.0)):
+            row = rows.at_most(name, len(own))
+            rows.put(row[:, None], self._dynamics.velocity[node], lambda d, s=sign: s * legs_of(d)[0][own])
+            rows.put(row[:, None], momentum[node], lambda d, s=sign: s * legs_of(d)[1][own])
+            rows.put(row, slack, -1.0)
+            rows.right(row, lambda d: SPEED_RESERVE * d.numbers.speed[limb[own]])
+
+    def fold(self) -> None:
+        """ê·(c + h + Θ × h − p) ≥ fold wherever a limb stands."""
+        rows, (frame, limb, foothold) = self._rows, self._layout.standing
+        slack, row = _one_slack(rows, "fold", len(frame)), rows.at_most("short", len(frame))
+        assert self._toes.points is not None
+        rows.put(row[:, None], self._body.com[frame], lambda d: -legs_of(d)[0])
+        rows.put(row[:, None], self._body.rotation[frame], lambda d: -legs_of(d)[2])
+        rows.put(row[:, None], self._toes.points[foothold], lambda d: legs_of(d)[0])
+        rows.put(row, slack, -1.0)
+        rows.right(
+            row,
+            lambda d: np.sum(legs_of(d)[0] * d.numbers.hips[limb], axis=1) - d.numbers.fold[limb] - d.reserve_m,
+        )
+
+    def power(self, forces: Forces, momentum: Index) -> None:
+        """|f·(v + ω × h)| ≤ power at both ends of every interval, about a point."""
+        rows, (stance, limb, _) = self._rows, self._layout.contacts
+        at = self._layout.stance_frames[stance] // 2
+        slack = _one_slack(rows, "power", 2 * len(at))
+        node = np.concatenate([at, at + 1])
+        columns, limb = np.concatenate([forces.columns, forces.columns]), np.concatenate([limb, limb])
+        for name, sign in (("drives", 1.0), ("brakes", -1.0)):
+            row = rows.at_most(name, len(node))
+            rows.put(row[:, None], self._dynamics.velocity[node], lambda d, s=sign: s * powers_of(d)[0])
+            rows.put(row[:, None], momentum[node], lambda d, s=sign: s * powers_of(d)[1])
+            rows.put(row[:, None], columns, lambda d, s=sign: s * powers_of(d)[2])
+            rows.put(row, slack, -1.0)
+            rows.right(row, lambda d, s=sign: SPEED_RESERVE * d.numbers.power[limb] + s * powers_of(d)[3])
+
+    def inside(self) -> None:
+        """a·R(Θ)ᵀ(p − c) ≤ b of every half-space of reach, about a point; the outer ones are hard rows beside it."""
+        rows, layout = self._rows, self._layout
+        (frame, _, foothold), (which, half) = layout.standing, layout.standing_rows
+        slack, row = _one_slack(rows, "inside", len(half)), rows.at_most("within", len(half))
+        assert self._toes.points is not None
+        rows.put(row[:, None], self._toes.points[foothold[which]], lambda d: _normals(d)[0])
+        rows.put(row[:, None], self._body.com[frame[which]], lambda d: -_normals(d)[0])
+        rows.put(row[:, None], self._body.rotation[frame[which]], lambda d: _normals(d)[1])
+        rows.put(row, slack, -1.0)
+        rows.right(row, lambda d: d.scaled.half_spaces.bounds[half] - d.reserve_m + _normals(d)[2])
+
+
+def trust(rows: Rows[LeapGiven], layout: Layout, toes: FreeToes) -> None:
+    """‖p − p̂‖ ≤ radius of every toe."""
+    near = rows.cones("near", layout.footholds, 4)
+    assert toes.points is not None
+    rows.put(near[:, 1:], toes.points, -1.0)
+    rows.right(near[:, 0], lambda d: d.toe_radius)
+    rows.right(near[:, 1:], lambda d: -d.point.toes)
+
+
+def still_moments(rows: Rows[LeapGiven], layout: Layout, body: Body, forces: Forces, dynamics: Dynamics) -> None:
+    """Σ p × f = c × e_z in still intervals, over the forces of vertices: the quasi-static balance of moments."""
+    interval = layout.stance_frames[forces.stance] // 2
+    still = rows.equal("moment_still", len(dynamics.still_intervals), 3)
+    for row, k in zip(still, dynamics.still_intervals, strict=True):
+        own = np.flatnonzero(interval == k)
+        rows.put(row[None, :, None], forces.columns[own][:, None, :], Of("scaled.arms", own))
+        com = body.com[0 if k == 0 else layout.frames - 1]
+        rows.put(row[0], com[1], -1.0)  # −c × e_z = (−c_y, c_x, 0)
+        rows.put(row[1], com[0], 1.0)
+
+
+def legs_of(given: LeapGiven) -> tuple[Array, Array, Array]:
+    """ê, J⁻ᵀ(h × ê) and h × ê of every limb that stands at a frame, of the point; h the turned hip; (T, 3) each."""
+    frame, limb, foothold = given.scaled.layout.standing
+    point, hips = given.point, given.numbers.hips[limb]
+    hips = hips + np.cross(point.rotation[frame], hips)
+    leg = point.com[frame] + hips - point.toes[foothold]
+    along = leg / np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
+    turn = np.cross(hips, along)
+    return along, turn @ given.numbers.spin, turn
+
+
+def hip_velocities(given: LeapGiven) -> Array:
+    """v + ω × h at both ends of the interval of every stance contact, first ends first, shape (2B, 3)."""
+    limb, at = given.scaled.layout.contacts[1], given.numbers.contact_intervals
+    node = np.concatenate([at, at + 1])
+    spin = given.point.momentum[node] @ given.numbers.spin.T
+    hips = given.numbers.hips[np.concatenate([limb, limb])]
+    return np.asarray(given.point.velocity[node] + np.cross(spin, hips))
+
+
+def powers_of(given: LeapGiven) -> tuple[Array, Array, Array, Array]:
+    """f̂ in the world, J⁻ᵀ(h × f̂), Rᵀ v̂ in contact frames, and f̂·v̂, at both ends of every contact's interval."""
+    limb = given.scaled.layout.contacts[1]
+    forces = np.concatenate([given.point.forces] * 2)
+    hips = given.numbers.hips[np.concatenate([limb, limb])]
+    velocities = hip_velocities(given)
+    frames = np.concatenate([given.scaled.contact_frames] * 2)
+    turned = np.matmul(frames.transpose(0, 2, 1), velocities[..., None])[..., 0]
+    return forces, np.cross(hips, forces) @ given.numbers.spin, turned, np.sum(forces * velocities, axis=1)
+
+
+def _normals(given: LeapGiven) -> tuple[Array, Array, Array]:
+    """a + Θ̂ × a, a × d̂, and Θ̂·(a × d̂), d̂ = p̂ − ĉ, of every half-space that holds somewhere."""
+    (frame, _, foothold), (which, half) = given.scaled.layout.standing, given.scaled.layout.standing_rows
+    point, normals = given.point, given.scaled.half_spaces.normals[half]
+    turn = point.rotation[frame][which]
+    away = (point.toes[foothold] - point.com[frame])[which]
+    lever = np.cross(normals, away)
+    return normals + np.cross(turn, normals), lever, np.sum(turn * lever, axis=1)
+
+
+def _pushed(forces: Forces, layout: Layout) -> Callable[[LeapGiven], Array]:
+    interval = layout.stance_frames[forces.stance] // 2
+
+    def values(given: LeapGiven) -> Array:
+        lasts = given.numbers.lasts[interval]
+        return np.asarray(-GRAVITY_M_S2 * lasts[:, None, None] * given.scaled.frames[forces.candidate])
+
+    return values
+
+
+def _arms(given: LeapGiven) -> Array:
+    """−g dt [p̂ − c̄]× R of every stance contact."""
+    at, point = given.numbers.contact_intervals, given.point
+    means = given.numbers.means(point.com, point.velocity)
+    arms = skew(point.toes[given.scaled.layout.contacts[2]] - means[at])
+    lasts = given.numbers.lasts[at][:, None, None]
+    return np.asarray(-GRAVITY_M_S2 * lasts * np.matmul(arms, given.scaled.contact_frames))
+
+
+def _levers(given: LeapGiven) -> Array:
+    """g dt [f̂]× of every stance contact."""
+    lasts = given.numbers.lasts[given.numbers.contact_intervals][:, None, None]
+    return np.asarray(GRAVITY_M_S2 * lasts * skew(given.point.forces))
+
+
+def _against(standing: Index, share: float, power: float) -> Callable[[LeapGiven], Array]:
+    """−g dt · share · dt^power [F̂]×: what c × F̂ adds."""
+
+    def values(given: LeapGiven) -> Array:
+        lasts = given.numbers.lasts[standing][:, None, None]
+        total = given.numbers.total(given.point.forces)[standing]
+        return np.asarray(-GRAVITY_M_S2 * share * lasts ** (1.0 + power) * skew(total))
+
+    return values
+
+
+def _offset(given: LeapGiven) -> Array:
+    """−g dt Σ (p̂ − c̄) × f̂."""
+    return -given.numbers.turned(given.point)[0]
+
+
+def _bends(given: LeapGiven) -> Array:
+    """−J⁻¹ g dt³/24 [v̂ + v̂′]× R of every stance contact."""
+    at, point = given.numbers.contact_intervals, given.point
+    sums = (point.velocity[1:] + point.velocity[:-1])[at]
+    spun = np.matmul(given.numbers.spin, np.matmul(skew(sums), given.scaled.contact_frames))
+    return np.asarray(-GRAVITY_M_S2 / 24.0 * given.numbers.lasts[at][:, None, None] ** 3 * spun)
+
+
+def _bent(standing: Index) -> Callable[[LeapGiven], Array]:
+    """J⁻¹ g dt³/24 [F̂]×."""
+
+    def values(given: LeapGiven) -> Array:
+        total = skew(given.numbers.total(given.point.forces)[standing])
+        lasts = given.numbers.lasts[standing][:, None, None]
+        return np.asarray(GRAVITY_M_S2 / 24.0 * lasts**3 * np.matmul(given.numbers.spin, total))
+
+    return values
+
+
+def _bend_offset(given: LeapGiven) -> Array:
+    """−J⁻¹ g dt³/24 (v̂ + v̂′) × F̂."""
+    point, lasts = given.point, given.numbers.lasts[:, None]
+    bend = np.cross(point.velocity[1:] + point.velocity[:-1], given.numbers.total(point.forces))
+    return np.asarray(-(GRAVITY_M_S2 / 24.0 * lasts**3 * bend) @ given.numbers.spin.T)
+
+
+def _slack(rows: Rows[LeapGiven], name: str, equal: Index) -> None:
+    """Let rows A x = b be off by s⁺ − s⁻, both of which cost."""
+    for end, sign in (("over", -1.0), ("under", 1.0)):
+        slack = rows.variable(f"{name}_{end}", *equal.shape)
+        rows.put(equal, slack, sign)
+        rows.put(rows.at_most(f"{name}_{end}", *equal.shape), slack, -1.0)
+        rows.linear(slack, PRICES[name])
+
+
+def _one_slack(rows: Rows[LeapGiven], name: str, count: int) -> Index:
+    """Slack of rows A x − s ≤ b that costs."""
+    slack = rows.variable(f"{name}_over", count)
+    rows.put(rows.at_most(f"{name}_over", count), slack, -1.0)
+    rows.linear(slack, PRICES[name])
+    return slack

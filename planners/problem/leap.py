@@ -1,0 +1,251 @@
+"""A leap: phases of stance and flight, from one state of the body to another, over candidate patches per toe."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cached import cached_property
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, checked_int, checked_members, checked_name, read_only
+from ..physics import GRAVITY_M_S2
+from ..robot.model import LegLimits, Limb, Robot
+from ..terrain.patch import Patch
+from .foothold import Foothold
+
+MOST_INTERVALS = 64
+SUM_S = 1e-6
+"""A timing whose durations add up to the total within this adds up [s]."""
+STILL = 1e-9
+"""Speeds and momenta below this are rest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """A span of time in which the same limbs stand.
+
+    limbs: names of those that stand; () in flight. intervals: equal parts in each of which forces are constant; a
+    flight needs only one.
+    """
+
+    limbs: tuple[str, ...]
+    intervals: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "limbs", tuple(checked_name(name, "limbs") for name in self.limbs))
+        checked_int(self.intervals, "intervals", least=1, most=MOST_INTERVALS)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyState:
+    """Where a body is and how it moves.
+
+    com_m: centre of mass c, shape (3,) [m]; velocity_m_s: v, shape (3,) [m/s]; momentum_m2_s: L, angular momentum about
+    the centre of mass per mass, shape (3,) [m²/s]; rotation_rad: small rotation Θ, shape (3,) [rad].
+    """
+
+    com_m: Array
+    velocity_m_s: Array = field(default_factory=lambda: np.zeros(3))
+    momentum_m2_s: Array = field(default_factory=lambda: np.zeros(3))
+    rotation_rad: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        for name in ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad"):
+            object.__setattr__(self, name, read_only(getattr(self, name), (3,), name))
+
+    @property
+    def rests(self) -> bool:
+        """Whether nothing moves."""
+        return bool(np.abs([self.velocity_m_s, self.momentum_m2_s]).max() <= STILL)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeapLimits:
+    """Limits of a leap's body and forces.
+
+    momentum_m2_s: of each component of L per mass, at the ends of intervals [m²/s]. tilt_rad, goal_tilt_rad: of each
+    component of Θ, always and at the end [rad]. height_m: least height of the centre of mass over every toe that
+    stands [m]. force_share: largest normal force of a toe in units of the weight. ramp: share of that in the interval
+    after a toe lands and in the one before it lifts.
+    """
+
+    momentum_m2_s: float = 0.02
+    tilt_rad: float = 0.25
+    goal_tilt_rad: float = 0.1
+    height_m: float = 0.12
+    force_share: float = 1.2
+    ramp: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("momentum_m2_s", "tilt_rad", "force_share"):
+            object.__setattr__(self, name, checked(getattr(self, name), name, above=0.0))
+        for name in ("goal_tilt_rad", "height_m"):
+            object.__setattr__(self, name, checked(getattr(self, name), name, least=0.0))
+        object.__setattr__(self, "ramp", checked(self.ramp, "ramp", above=0.0, most=1.0))
+        if self.tilt_rad > 0.5:
+            raise InvalidInput(f"tilt_rad: expected at most 0.5, where rotations are small, got {self.tilt_rad:g}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Leap:
+    """A leap over chosen patches: is there a motion of the body, with forces at the toes, from start to goal?
+
+    Arguments:
+        name: a word.
+        robot: with an inertia; every limb may have ``LegLimits``.
+        phases: of stance and flight, in order; the first, where the body rests, and the last have contacts.
+        timings_s: durations of the phases, one of these is to be chosen [s].
+        footholds: one for every time that a limb begins to stand, with its candidates, or with the toe that stands
+            already; ``frame`` is the phase in which it begins.
+        start, goal: of the body; the goal's c is the centre of a ball.
+        goal_radius_m: radius of that ball [m].
+        limits: of body and forces.
+        duration_s: what the durations of every timing add up to; None where nobody says [s].
+    Raises:
+        InvalidInput: for a robot without inertia, phases without contacts at the ends, timings that do not belong to
+            the phases, footholds that are missing, that nobody stands on or that have no candidate.
+    Source:
+        Newton and Euler for one rigid body: v' = Σ f / m + g, L' = Σ (p − c) × f, I Θ' = L.
+    Example:
+        >>> from stancekit.planners.problem.leap_json import leap_from_keys
+        >>> leap = leap_from_keys({"distribution": "leap", "seed": 0}, "drawn")
+        >>> [phase.limbs for phase in leap.phases]
+        [('LF', 'RF', 'LH', 'RH'), (), ('LF', 'RF', 'LH', 'RH')]
+    """
+
+    name: str
+    robot: Robot
+    phases: tuple[Phase, ...]
+    timings_s: tuple[tuple[float, ...], ...]
+    footholds: tuple[Foothold, ...]
+    start: BodyState
+    goal: BodyState
+    goal_radius_m: float = 0.06
+    limits: LeapLimits = LeapLimits()
+    duration_s: float | None = None
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "name")
+        where = f"leap {self.name}: "
+        if self.robot.inertia is None:
+            raise InvalidInput(f"{where}robot.inertia_kgm2: expected the inertia of {self.robot.name}, got none")
+        if any(limb.sole_m is not None for limb in self.robot.limbs):
+            raise InvalidInput(f"{where}robot: expected point feet, got soles")
+        put = object.__setattr__
+        put(self, "phases", checked_members(self.phases, Phase, f"{where}phases"))
+        put(self, "footholds", checked_members(self.footholds, Foothold, f"{where}footholds"))
+        put(self, "goal_radius_m", checked(self.goal_radius_m, f"{where}goal_radius_m", above=0.0))
+        self._check_phases(where)
+        put(self, "timings_s", tuple(tuple(float(s) for s in timing) for timing in self.timings_s))
+        self._check_timings(where)
+        self._check_footholds(where)
+
+    @property
+    def weight_n(self) -> float:
+        """m g, the unit of forces [N]."""
+        return self.robot.mass_kg * GRAVITY_M_S2
+
+    @property
+    def intervals(self) -> int:
+        """M, how many intervals all phases have."""
+        return sum(phase.intervals for phase in self.phases)
+
+    @cached_property
+    def interval_phases(self) -> NDArray[np.int_]:
+        """The phase of every interval, shape (M,)."""
+        return np.repeat(np.arange(len(self.phases)), [phase.intervals for phase in self.phases])
+
+    @cached_property
+    def holds(self) -> NDArray[np.int_]:
+        """The foothold under every limb in every phase, −1 where it is lifted, shape (phases, N)."""
+        table = np.full((len(self.phases), len(self.robot.limbs)), -1)
+        number = {(foothold.limb, foothold.frame): j for j, foothold in enumerate(self.footholds)}
+        for i, name in enumerate(self.robot.limb_names):
+            for q, phase in enumerate(self.phases):
+                if name in phase.limbs:
+                    stood = q > 0 and name in self.phases[q - 1].limbs
+                    table[q, i] = table[q - 1, i] if stood else number[name, q]
+        return table
+
+    @property
+    def still(self) -> tuple[bool, bool]:
+        """Whether the first and the last interval are in equilibrium: where the body rests there."""
+        return self.start.rests, self.goal.rests
+
+    @property
+    def choices(self) -> int:
+        """How many choices of candidates there are."""
+        return int(np.prod([len(foothold.candidates) for foothold in self.footholds], dtype=object))
+
+    def leg(self, limb: Limb) -> LegLimits:
+        """Limits of a limb's leg; where nobody says, its shoulder is the hip and nothing is limited."""
+        return limb.leg or LegLimits(hip_m=limb.shoulder_m)
+
+    def times_s(self, timing: int) -> Array:
+        """Ends of the intervals for one of the timings, from 0, shape (M + 1,) [s]."""
+        lasts = np.repeat(
+            [s / phase.intervals for s, phase in zip(self.timings_s[timing], self.phases, strict=True)],
+            [phase.intervals for phase in self.phases],
+        )
+        return np.concatenate([[0.0], np.cumsum(lasts)])
+
+    def patch(self, foothold: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
+        """The patch under a foothold for a choice of candidates, shape (P,)."""
+        return self.footholds[foothold].candidates[int(choice[foothold])]
+
+    def with_timing(self, timing: int) -> Leap:
+        """The leap with one of its timings alone."""
+        return replace(self, timings_s=(self.timings_s[timing],))
+
+    def _check_phases(self, where: str) -> None:
+        ends = [self.phases[0], self.phases[-1]] if self.phases else []
+        if not self.start.rests:
+            ends = ends[1:]  # which may begin in the air
+        if not self.phases or not all(phase.limbs for phase in ends):
+            raise InvalidInput(f"{where}phases: expected contacts in the first and in the last phase, got a flight")
+        if self.intervals > MOST_INTERVALS:
+            raise InvalidInput(f"{where}phases: expected at most {MOST_INTERVALS} intervals, got {self.intervals}")
+        for q, phase in enumerate(self.phases):
+            if len(set(phase.limbs)) < len(phase.limbs) or not set(phase.limbs) <= set(self.robot.limb_names):
+                known = ", ".join(self.robot.limb_names)
+                raise InvalidInput(
+                    f"{where}phases[{q}].limbs: expected some of {known}, each once, got {', '.join(phase.limbs)}"
+                )
+
+    def _check_timings(self, where: str) -> None:
+        if not self.timings_s:
+            raise InvalidInput(f"{where}timings_s: expected one or more timings, got none")
+        for k, timing in enumerate(self.timings_s):
+            if len(timing) != len(self.phases):
+                raise InvalidInput(
+                    f"{where}timings_s[{k}]: expected {len(self.phases)} durations, one per phase, got {len(timing)}"
+                )
+            if not all(0.0 < s < 60.0 for s in timing):
+                raise InvalidInput(
+                    f"{where}timings_s[{k}]: expected durations above 0 and below 60 s, got {list(timing)}"
+                )
+            if self.duration_s is not None and abs(sum(timing) - self.duration_s) > SUM_S:
+                raise InvalidInput(
+                    f"{where}timings_s[{k}]: expected durations that add up to duration_s, {self.duration_s:g} s, got "
+                    f"{sum(timing):g} s"
+                )
+
+    def _check_footholds(self, where: str) -> None:
+        wanted = {
+            (name, q)
+            for q, phase in enumerate(self.phases)
+            for name in phase.limbs
+            if q == 0 or name not in self.phases[q - 1].limbs
+        }
+        given = [(foothold.limb, foothold.frame) for foothold in self.footholds]
+        for name, q in sorted(wanted - set(given), key=lambda one: (one[1], one[0])):
+            raise InvalidInput(f"{where}footholds: expected one of {name} in phase {q}, where it begins to stand")
+        for j, one in enumerate(given):
+            if one not in wanted or given.index(one) != j:
+                raise InvalidInput(
+                    f"{where}footholds[{j}]: expected one per limb and phase in which it begins to stand, got another "
+                    f"of {one[0]} in phase {one[1]}"
+                )

@@ -1,0 +1,310 @@
+"""Independent check of a certificate that no leap exists: a tree over toes' candidates, and bounds at its leaves.
+
+A leaf's multipliers give, for every motion that obeys the hard limits, a sum that is not above zero:
+
+    Σ r·(p − c − (I + [Θ]×) s) − |r| ρ          reach of a limb that stands, ρ widened by ½ |Θ|² |s|
+  + Σ σ (a·(p − c) + Θ·(a × s) − b)             half-spaces of reach, b widened likewise
+  + Σ η (p_z + height − c_z)                    height of the body
+  + q·(c_end − goal) − |q| radius               where the body arrives
+  + u·(v_end − v_goal)                          how fast
+  + Σ ν·(F − e_z) + Σ μ·(Σ p × f − c × e_z)     equilibrium of the intervals at rest
+
+with c and v written in the forces. Its least value over toes in their patches, forces in their cones and |Θ_i| ≤ tilt
+splits into a constant and a number per candidate; above zero it refutes every choice of the leaf. There is no place for
+rows that are no relaxations: speeds, powers, lengths, and linearised moments cannot be weighed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..answer.outcome import Certificate
+from ..answer.report import Report
+from ..files.arrays import Array
+from ..physics import GRAVITY_M_S2
+from ..problem.leap import Leap
+from .certificate import proof_report
+from .explain import Explanation, Relaxation
+
+MOST_GRIP = 3.0
+"""An explanation looks no further."""
+GUARD = 1e-7
+"""A leaf's bound has to be above this, for multipliers of at most 1: far more than rounding."""
+
+
+def check_leap_certificate(leap: Leap, certificate: Certificate) -> Report[Certificate]:
+    """Replay a certificate's tree and bound every leaf; never raises for a bad certificate."""
+    try:
+        leaves = _replayed(leap, certificate)
+        timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
+        bounds = np.array([timings[timing].parts(row).least(opened) for timing, opened, row in leaves])
+    except _Refused as error:
+        return proof_report(leap, certificate, GUARD, 0.0, 0, -1, f"rejected: {error}")
+    weakest = int(bounds.argmin())
+    bound = float(bounds[weakest])
+    accepted = bound > GUARD
+    if accepted:
+        message = f"refuted at all leaves ({len(bounds)})"
+    else:
+        message = f"rejected: leaf {weakest} of {len(bounds)} proves {bound:.3g}, expected above {GUARD:g}"
+    return proof_report(leap, certificate, GUARD, bound, len(bounds), weakest, message)
+
+
+def explain_leap(leap: Leap, certificate: Certificate) -> Explanation:
+    """How far friction under each toe, or reach of each limb, must grow at least before a certificate fails.
+
+    Returns these growths, the smallest relative one first, and the first of them in one line; a certificate that is not
+    accepted explains nothing.
+    """
+    report = check_leap_certificate(leap, certificate)
+    if not report.accepted:
+        return Explanation(relaxations=(), message=f"not explained: the certificate is {report.message}")
+    timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
+    leaves = [(timings[timing].parts(row), opened) for timing, opened, row in _replayed(leap, certificate)]
+    found = []
+    for j, foothold in enumerate(leap.footholds):
+        now = max(patch.friction for patch in foothold.candidates)
+        needed = min(parts.grip_needed(opened, j) for parts, opened in leaves)
+        place = f"friction under {foothold.limb} in phase {foothold.frame}"
+        if needed > now:
+            found.append(Relaxation(parameter=place, leg=foothold.limb, now=now, needed=needed, unit=""))
+    for i, limb in enumerate(leap.robot.limbs):
+        more = min(parts.reach_needed(opened, i) for parts, opened in leaves)
+        now = limb.reach_m
+        found.append(Relaxation(parameter=f"reach of {limb.name}", leg=limb.name, now=now, needed=now + more, unit="m"))
+    found.sort(key=lambda one: one.relative)
+    best = found[0]
+    if not math.isfinite(best.needed):
+        message = "infeasible: no friction and no reach of a single toe would do"
+    elif best.unit:
+        message = f"infeasible: {best.leg} cannot reach far enough: {best.now:.3g} m, {best.needed:.3g} m needed"
+    else:
+        phase = best.parameter.rpartition(" ")[2]
+        message = (
+            f"infeasible: no candidate of {best.leg} in phase {phase} can push enough: μ {best.now:.2f} at most, "
+            f"{best.needed:.2f} needed"
+        )
+    return Explanation(relaxations=tuple(found), message=message)
+
+
+class _Refused(Exception):
+    """Why a certificate is none."""
+
+
+def _replayed(leap: Leap, certificate: Certificate) -> list[tuple[int, list[list[int]], Array]]:
+    """(timing, open candidates by foothold, multipliers) of every leaf of a tree, in preorder."""
+    tree, rows = certificate.tree, certificate.multipliers
+    if tree.ndim != 2 or tree.shape[1] != 5 or not len(tree) or rows.ndim != 2:
+        raise _Refused("expected a tree of rows of five numbers, and a row of multipliers per leaf")
+    if not np.isfinite(tree).all() or not np.isfinite(rows).all():
+        raise _Refused("expected finite numbers")
+    whole = [list(range(len(foothold.candidates))) for foothold in leap.footholds]
+    stack = [(list(range(len(leap.timings_s))), whole)]
+    leaves: list[tuple[int, list[list[int]], Array]] = []
+    for kind, first, second, *_ in tree.tolist():
+        if not stack:
+            raise _Refused("expected a tree, got rows after its last leaf")
+        timings, opened = stack.pop()
+        if kind == 0.0:
+            if len(timings) != 1:
+                raise _Refused("expected one timing at a leaf")
+            if len(leaves) >= len(rows):
+                raise _Refused(f"expected a row of multipliers per leaf, got {len(rows)}")
+            leaves.append((timings[0], opened, rows[len(leaves)]))
+        elif kind == 4.0 and first in timings and len(timings) > 1:
+            stack.append(([t for t in timings if t != first], opened))
+            stack.append(([int(first)], opened))
+        elif kind == 1.0 and first in range(len(opened)) and second in opened[int(first)]:
+            j, r = int(first), int(second)
+            on, off = [list(own) for own in opened], [list(own) for own in opened]
+            on[j] = [r]
+            off[j].remove(r)
+            stack.append((timings, off))
+            stack.append((timings, on))
+        else:
+            raise _Refused(f"expected a leaf, a timing or an open candidate, got node {[kind, first, second]}")
+    if stack:
+        raise _Refused("expected a leaf at every end of the tree")
+    if len(leaves) != len(rows):
+        raise _Refused(f"expected {len(leaves)} rows of multipliers, one per leaf, got {len(rows)}")
+    return leaves
+
+
+@dataclass(frozen=True)
+class _Stand:
+    """A limb that stands at an instant: seconds, limb and foothold, by number."""
+
+    time: float
+    limb: int
+    foothold: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """A leaf's sum: a constant, slopes on toes and on forces by interval, levers of intervals at rest, |r| by limb."""
+
+    bounds: _Bounds
+    constant: float
+    toes: Array
+    slopes: Array
+    levers: dict[int, Array]
+    pulls: Array
+
+    def least(self, opened: list[list[int]], but: int = -1) -> float:
+        """The least value of the sum over open candidates; but: a foothold that is left out."""
+        total = self.constant
+        for j, own in enumerate(opened):
+            if j != but:
+                total += min((self.bounds.candidate(self, j, r) for r in own), default=math.inf)
+        return total
+
+    def grip_needed(self, opened: list[list[int]], j: int) -> float:
+        """The least friction of foothold ``j`` at which the leaf fails, inf where none up to ``MOST_GRIP`` does."""
+        rest = self.least(opened, but=j)
+
+        def holds(grip: float) -> bool:
+            values = (self.bounds.candidate(self, j, r, grip) for r in opened[j])
+            return rest + min(values, default=math.inf) > GUARD
+
+        if holds(MOST_GRIP):
+            return math.inf
+        low, high = 0.0, MOST_GRIP
+        for _ in range(16):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if holds(middle) else (low, middle)
+        return high
+
+    def reach_needed(self, opened: list[list[int]], i: int) -> float:
+        """By how much a limb must reach farther before the leaf fails [m]; inf where it weighs nothing."""
+        return self.least(opened) / self.pulls[i] if self.pulls[i] > 0.0 else math.inf
+
+
+class _Bounds:
+    """The bounds of one timing of a leap, written from its own patches, limbs and limits."""
+
+    def __init__(self, leap: Leap, timing: int) -> None:
+        self.leap = leap
+        self.ends = leap.times_s(timing)
+        self.stands = list(self._standing())
+        limbs = leap.robot.limbs
+        self.rows_of = [0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs]
+        at_rest = [k for k, still in zip((0, leap.intervals - 1), leap.still, strict=True) if still]
+        self.rests = at_rest
+        standing = len(self.stands)
+        spaces = sum(self.rows_of[stand.limb] for stand in self.stands)
+        self.sizes = (3 * standing, spaces, standing, 3, 3, 3 * len(at_rest), 3 * len(at_rest))
+
+    def parts(self, row: Array) -> _Parts:
+        """What multipliers weigh. Raises _Refused for a row of another length."""
+        if len(row) != sum(self.sizes):
+            raise _Refused(f"expected {sum(self.sizes)} multipliers per leaf, got {len(row)}")
+        parts = np.split(row, np.cumsum(self.sizes)[:-1])
+        reach, spaces, height = parts[0].reshape(-1, 3), np.maximum(parts[1], 0.0), np.maximum(parts[2], 0.0)
+        goal, end = parts[3], parts[4]
+        rest, moment = parts[5].reshape(-1, 3), parts[6].reshape(-1, 3)
+        leap, limits = self.leap, self.leap.limits
+        toes = np.zeros((len(leap.footholds), 3))
+        slopes = np.zeros((leap.intervals, 3))
+        constant, at = 0.0, 0
+        tilt, bend = limits.tilt_rad, 1.5 * limits.tilt_rad**2
+        twists: dict[float, Array] = {}
+        for number, stand in enumerate(self.stands):
+            limb, shoulder = leap.robot.limbs[stand.limb], leap.robot.limbs[stand.limb].shoulder_m
+            far = float(np.linalg.norm(shoulder))
+            pull = reach[number].copy()
+            constant -= float(pull @ shoulder) + float(np.linalg.norm(pull)) * (limb.reach_m + bend * far)
+            twist = -np.cross(shoulder, pull)
+            if limb.reach_rows is not None:
+                for normal, bound in zip(limb.reach_rows.normals, limb.reach_rows.bounds_m, strict=True):
+                    weight = spaces[at]
+                    at += 1
+                    turned = self._most_turned(normal)
+                    room = turned * (limb.reach_m + self._most_turned(shoulder))
+                    room += bend * (far + limb.reach_m + self._most_turned(shoulder))
+                    constant -= weight * (float(bound) + room)
+                    pull += weight * normal
+                    twist += weight * np.cross(normal, shoulder)
+            pull[2] += height[number]
+            constant += height[number] * limits.height_m
+            twists[stand.time] = twists.get(stand.time, np.zeros(3)) + twist
+            toes[stand.foothold] += pull
+            constant += self._follow(-pull, stand.time, slopes)
+        constant -= tilt * sum(float(np.abs(twist).sum()) for twist in twists.values())
+        last = float(self.ends[-1])
+        constant += self._follow(goal, last, slopes)
+        constant -= float(goal @ leap.goal.com_m) + float(np.linalg.norm(goal)) * leap.goal_radius_m
+        fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
+        constant += float(end @ (leap.start.velocity_m_s + last * fall - leap.goal.velocity_m_s))
+        slopes += GRAVITY_M_S2 * np.diff(self.ends)[:, None] * end
+        levers: dict[int, Array] = {}
+        for k, balance, turning in zip(self.rests, rest, moment, strict=True):
+            slopes[k] += balance
+            constant -= float(balance[2])
+            levers[k] = levers.get(k, np.zeros(3)) + turning
+            # −μ·(c × e_z) = −(μ_x c_y − μ_y c_x)
+            on_com = np.array([turning[1], -turning[0], 0.0])
+            constant += self._follow(on_com, 0.0 if k == 0 else last, slopes)
+        pulls = np.zeros(len(leap.robot.limbs))
+        for stand, pull in zip(self.stands, reach, strict=True):
+            pulls[stand.limb] += float(np.linalg.norm(pull))
+        return _Parts(self, float(constant), toes, slopes, levers, pulls)
+
+    def candidate(self, parts: _Parts, j: int, r: int, grip: float | None = None) -> float:
+        """The least of P·p + Σ (y + μ × p)·f over a candidate, at a corner of it; grip: another friction."""
+        foothold, patch = self.leap.footholds[j], self.leap.footholds[j].candidates[r]
+        friction = patch.friction if grip is None else grip
+        corners = patch.vertices_m if foothold.toe_m is None else foothold.toe_m[None]
+        values = corners @ parts.toes[j]
+        limb = self.leap.robot.limb_names.index(foothold.limb)
+        phases = self.leap.interval_phases
+        for k in range(self.leap.intervals):
+            if self.leap.holds[phases[k], limb] != j:
+                continue
+            slope = np.tile(parts.slopes[k], (len(corners), 1))
+            if k in parts.levers:
+                slope = slope + np.cross(parts.levers[k], corners)
+            normal = slope @ patch.normal
+            shear = np.linalg.norm(slope - normal[:, None] * patch.normal, axis=1)
+            values = values + np.minimum(normal - friction * shear, 0.0) * self._most(k, limb)
+        return float(values.min())
+
+    def _most(self, k: int, limb: int) -> float:
+        """The largest normal force in an interval, in units of the weight."""
+        phases, limits = self.leap.interval_phases, self.leap.limits
+        stood = self.leap.holds[:, limb] >= 0
+        lands = k > 0 and not stood[phases[k - 1]]
+        lifts = k + 1 < len(phases) and not stood[phases[k + 1]]
+        return limits.force_share * (limits.ramp if lands or lifts else 1.0)
+
+    def _follow(self, slope: Array, time: float, slopes: Array) -> float:
+        """slope·c(time) as a constant, and as slopes on the forces of every interval."""
+        start = self.leap.start
+        fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
+        before = np.maximum(time - self.ends[:-1], 0.0)
+        after = np.maximum(time - self.ends[1:], 0.0)
+        slopes += GRAVITY_M_S2 * (0.5 * (before**2 - after**2))[:, None] * slope
+        return float(slope @ (start.com_m + time * start.velocity_m_s + 0.5 * time**2 * fall))
+
+    def _most_turned(self, vector: Array) -> float:
+        """The largest ‖Θ × x‖ over |Θ_i| ≤ tilt."""
+        tilt = self.leap.limits.tilt_rad
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+        return float(tilt * np.linalg.norm(np.cross(signs, vector), axis=1).max())
+
+    def _standing(self) -> list[_Stand]:
+        """Who stands at the ends and the middle of every interval, by time, then limb."""
+        holds = self.leap.holds[self.leap.interval_phases]
+        found = []
+        for index in range(2 * len(holds) + 1):
+            k = index // 2
+            time = float(self.ends[k]) if index % 2 == 0 else float(0.5 * (self.ends[k] + self.ends[k + 1]))
+            for limb in range(holds.shape[1]):
+                own = holds[k, limb] if k < len(holds) else -1
+                if index % 2 == 0 and k > 0 and own < 0:
+                    own = holds[k - 1, limb]
+                if own >= 0:
+                    found.append(_Stand(time, limb, int(own)))
+        return found

@@ -1,0 +1,276 @@
+"""Is this a leap? Newton and Euler, integrated finely from the forces alone, and every limit between instants, too.
+
+Knows toes, forces and the question; c, v, L and Θ are integrated anew (RK4 in ``SUBSTEPS`` steps per interval) and what
+a plan says of them is held against that. Rotations are exact here, R = exp([Θ]×), in reach, length and speed of legs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..answer.leap_plan import NUMBERS, LeapPlan
+from ..answer.report import Group, Report
+from ..files.arrays import Array
+from ..physics import GRAVITY_M_S2
+from .postures import violation
+
+SUBSTEPS = 16
+TOLERANCE = 1e-3
+"""Largest violation that is accepted, without unit."""
+UNITS = {
+    "patch": ("m", 0.1),
+    "idle_force": ("N", 1.0),
+    "friction": ("N", 1.0),
+    "force_bounds": ("N", 1.0),
+    "start": ("", 1.0),
+    "motion": ("m", 0.1),
+    "momentum_balance": ("m²/s", 1.0),
+    "rotation": ("rad", 0.1),
+    "momentum": ("m²/s", 1.0),
+    "rest": ("m/s", 1.0),
+    "tilt": ("rad", 0.1),
+    "goal": ("m", 0.1),
+    "reach": ("m", 0.1),
+    "height": ("m", 0.1),
+    "fold": ("m", 0.1),
+    "speed": ("m/s", 1.0),
+    "power": ("W", 1.0),
+}
+"""Unit of each group in SI, and what 1 of its non-dimensional violation is in it: forces are in units of the weight,
+momenta in those of their limit, power in those of the weight times m/s."""
+
+
+def check_leap(plan: LeapPlan) -> Report[LeapPlan]:
+    """Check a plan of a leap by its toes and forces alone. No solver takes part.
+
+    Returns a report; a bad plan is refused in it, and not raised.
+    """
+    defect = _defect(plan)
+    if defect:
+        broken = (violation(name, math.inf, 1.0, TOLERANCE, unit=unit) for name, (unit, _) in UNITS.items())
+        return Report(groups=tuple(broken), subject=plan.leap, answer=plan, tolerance=TOLERANCE, defect=defect)
+    judge = _Judge(plan)
+    return Report(
+        groups=tuple(judge.groups()),
+        subject=plan.leap,
+        answer=plan,
+        tolerance=TOLERANCE,
+        figures={"momentum_error": judge.momentum_error},
+    )
+
+
+def _defect(plan: LeapPlan) -> str:
+    """Why a plan is none; empty where it is one."""
+    leap = plan.leap
+    m, n, p = leap.intervals, len(leap.robot.limbs), len(leap.footholds)
+    nodes = (m + 1, 3)
+    shapes = dict(zip(NUMBERS, (nodes, nodes, nodes, nodes, (p, 3), (m, n, 3)), strict=True)) | {"choice": (p,)}
+    if not 0 <= plan.timing < len(leap.timings_s):
+        return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
+    for name, shape in shapes.items():
+        array = getattr(plan, name)
+        if array.shape != shape:
+            return f"{name}: expected shape {shape}, got {array.shape}"
+        if not np.all(np.isfinite(array)) or np.abs(array).max(initial=0.0) > 1e9:
+            return f"{name}: expected finite numbers"
+    for j, foothold in enumerate(leap.footholds):
+        if not 0 <= plan.choice[j] < len(foothold.candidates):
+            return f"choice[{j}]: expected 0 to {len(foothold.candidates) - 1}, got {plan.choice[j]}"
+    return ""
+
+
+class _Judge:
+    """One plan, integrated."""
+
+    def __init__(self, plan: LeapPlan) -> None:
+        self.plan, self.leap = plan, plan.leap
+        self.phase = self.leap.interval_phases
+        inertia = self.leap.robot.inertia
+        assert inertia is not None
+        self.spin = np.linalg.inv(inertia / self.leap.robot.mass_kg)
+        self.ends = self.leap.times_s(plan.timing)
+        self.found: dict[str, Group] = {}
+        self._integrate()
+
+    def groups(self) -> Iterator[Group]:
+        """The worst of every group."""
+        for name in UNITS:
+            self.found[name] = violation(name, 0.0, UNITS[name][1], TOLERANCE, unit=UNITS[name][0])
+        self._ends()
+        self._claims()
+        for k in range(self.leap.intervals):
+            self._forces(k)
+            self._body(k)
+            for i in np.flatnonzero(self.leap.holds[self.phase[k]] >= 0).tolist():
+                self._limb(k, i)
+        for j in range(len(self.leap.footholds)):
+            self._toe(j)
+        yield from self.found.values()
+
+    @property
+    def momentum_error(self) -> float:
+        """Of the claimed L, in units of its limit."""
+        away = self.plan.momentum_m2_s - np.array([path[0, 6:9] for path in self.paths] + [self.paths[-1][-1, 6:9]])
+        return float(np.abs(away).max()) / self.leap.limits.momentum_m2_s
+
+    def _integrate(self) -> None:
+        """The path of (c, v, L, Θ) in every interval at SUBSTEPS + 1 instants, shape (SUBSTEPS + 1, 12) each."""
+        leap, plan = self.leap, self.plan
+        start = leap.start
+        state = np.concatenate([start.com_m, start.velocity_m_s, start.momentum_m2_s, start.rotation_rad])
+        mass, self.paths = leap.robot.mass_kg, []
+        for k in range(leap.intervals):
+            pushes = np.zeros(3)
+            twists = np.zeros(3)
+            for i, j in enumerate(leap.holds[self.phase[k]]):
+                if j >= 0:
+                    pushes = pushes + plan.forces_n[k, i] / mass
+                    twists = twists + np.cross(plan.toes_m[j], plan.forces_n[k, i] / mass)
+            step = (self.ends[k + 1] - self.ends[k]) / SUBSTEPS
+            path = [state]
+            for _ in range(SUBSTEPS):
+                one = self._rate(state, pushes, twists)
+                two = self._rate(state + 0.5 * step * one, pushes, twists)
+                three = self._rate(state + 0.5 * step * two, pushes, twists)
+                four = self._rate(state + step * three, pushes, twists)
+                state = state + step / 6.0 * (one + 2.0 * two + 2.0 * three + four)
+                path.append(state)
+            self.paths.append(np.array(path))
+
+    def _rate(self, state: Array, pushes: Array, twists: Array) -> Array:
+        """(v, a, L′, Θ′) of a state; pushes: Σ f / m; twists: Σ p × f / m, about the world's origin."""
+        x, y, z = state[:3].tolist()
+        a, b, c = pushes.tolist()
+        rate = np.empty(12)
+        rate[:3] = state[3:6]
+        rate[3:6] = a, b, c - GRAVITY_M_S2
+        rate[6:9] = twists
+        rate[6] -= y * c - z * b
+        rate[7] -= z * a - x * c
+        rate[8] -= x * b - y * a
+        rate[9:] = self.spin @ state[6:9]
+        return rate
+
+    def _note(self, group: str, by: Array | float, k: int, limb: str = "", *, scale: float = 0.0) -> None:
+        """Keep the worst violation of a group. scale: what 1 of it is in SI; 0 for the group's own."""
+        value = float(np.max(by))
+        unit, own = UNITS[group]
+        if not math.isfinite(value):
+            value = math.inf
+        found = violation(group, value, scale or own, TOLERANCE, unit=unit, limb=limb, when=k)
+        if found.worst > self.found[group].worst:
+            self.found[group] = found
+
+    def _ends(self) -> None:
+        """Start, goal and rest."""
+        leap, last, final = self.leap, len(self.paths) - 1, self.paths[-1][-1]
+        limit = leap.limits.momentum_m2_s
+        away = float(np.linalg.norm(final[:3] - leap.goal.com_m)) - leap.goal_radius_m
+        self._note("goal", away, last)
+        self._note("rest", np.abs(final[3:6] - leap.goal.velocity_m_s), last)
+        self._note("momentum", np.abs(final[6:9] - leap.goal.momentum_m2_s), last, scale=limit)
+        self._note("tilt", np.abs(final[9:]) - leap.limits.goal_tilt_rad, last)
+        for still, k in zip(leap.still, (0, last), strict=True):
+            if still:
+                self._note("rest", np.abs(self.paths[k][:, 3:6]), k)
+                self._note("momentum", np.abs(self.paths[k][:, 6:9]), k, scale=limit)
+
+    def _claims(self) -> None:
+        """What the plan says of c, v, L and Θ at the ends of intervals."""
+        plan, limit = self.plan, self.leap.limits.momentum_m2_s
+        says = np.concatenate([plan.com_m, plan.velocity_m_s, plan.momentum_m2_s, plan.rotation_rad], axis=1)
+        found = np.array([path[0] for path in self.paths] + [self.paths[-1][-1]])
+        for k, away in enumerate(np.abs(says - found)):
+            at = min(k, len(self.paths) - 1)
+            self._note("motion", away[:3], at)
+            self._note("rest", away[3:6], at)
+            self._note("momentum_balance", away[6:9], at, scale=limit)
+            self._note("rotation", away[9:], at)
+        self._note("start", np.abs(says[0] - self.paths[0][0]), 0)
+
+    def _forces(self, k: int) -> None:
+        """Cones and limits of the limbs that stand, nothing at the others."""
+        leap, weight = self.leap, self.leap.weight_n
+        holds = leap.holds[self.phase[k]]
+        for i, limb in enumerate(leap.robot.limb_names):
+            force = self.plan.forces_n[k, i]
+            if holds[i] < 0:
+                self._note("idle_force", np.linalg.norm(force), k, limb, scale=weight)
+                continue
+            patch = leap.patch(int(holds[i]), self.plan.choice)
+            normal = float(force @ patch.normal)
+            shear = float(np.linalg.norm(force - normal * patch.normal))
+            self._note("friction", shear - patch.friction * max(normal, 0.0), k, limb, scale=weight)
+            most = leap.limits.force_share * weight * self._ramp(k, i)
+            self._note("force_bounds", max(-normal, normal - most), k, limb, scale=weight)
+
+    def _ramp(self, k: int, i: int) -> float:
+        """Share of the largest force: less in the interval after the limb lands and in the one before it lifts."""
+        stands = [bool(self.leap.holds[self.phase[q], i] >= 0) for q in range(self.leap.intervals)]
+        lands = k > 0 and not stands[k - 1]
+        lifts = k + 1 < len(stands) and not stands[k + 1]
+        return self.leap.limits.ramp if lands or lifts else 1.0
+
+    def _body(self, k: int) -> None:
+        """Tilt at all instants, L at the end of the interval."""
+        path, limits = self.paths[k], self.leap.limits
+        self._note("tilt", np.abs(path[:, 9:]) - limits.tilt_rad, k)
+        over = np.abs(path[-1, 6:9]) - limits.momentum_m2_s
+        self._note("momentum", over, k, scale=limits.momentum_m2_s)
+
+    def _limb(self, k: int, i: int) -> None:
+        """Reach, height, length, speed and power of a limb that stands, at all instants of an interval."""
+        leap, path = self.leap, self.paths[k]
+        limb = leap.robot.limbs[i]
+        leg = leap.leg(limb)
+        toe = self.plan.toes_m[leap.holds[self.phase[k], i]]
+        name, force = limb.name, self.plan.forces_n[k, i]
+        com, speed, spin = path[:, :3], path[:, 3:6], path[:, 6:9] @ self.spin.T
+        turns = _rotations(path[:, 9:])
+        away = np.linalg.norm(toe - com - turns @ limb.shoulder_m, axis=1)
+        self._note("reach", away - limb.reach_m, k, name)
+        if limb.reach_rows is not None:
+            own = np.einsum("tij,ti->tj", turns, toe - com)  # Rᵀ (p − c)
+            self._note("reach", own @ limb.reach_rows.normals.T - limb.reach_rows.bounds_m, k, name)
+        self._note("height", toe[2] + leap.limits.height_m - com[:, 2], k, name)
+        arm = turns @ leg.hip_m
+        hip = com + arm - toe
+        length = np.linalg.norm(hip, axis=1)
+        self._note("fold", leg.fold_m - length, k, name)
+        moves = speed + np.cross(spin, arm)
+        rate = np.abs(np.sum(hip * moves, axis=1)) / np.maximum(length, 1e-9)
+        if leg.speed_m_s < math.inf:
+            self._note("speed", rate - leg.speed_m_s, k, name)
+        if leg.power_w < math.inf:
+            self._note("power", np.abs(moves @ force) - leg.power_w, k, name, scale=leap.weight_n)
+
+    def _toe(self, j: int) -> None:
+        """A toe on its patch, or where it stands already."""
+        leap, toe = self.leap, self.plan.toes_m[j]
+        foothold, patch = leap.footholds[j], leap.patch(j, self.plan.choice)
+        first = int(np.flatnonzero(self.phase == foothold.frame)[0])
+        if foothold.toe_m is not None:
+            self._note("patch", np.linalg.norm(toe - foothold.toe_m), first, foothold.limb)
+            return
+        border = patch.vertices_m
+        along = np.roll(border, -1, axis=0) - border
+        middle = border.mean(axis=0)
+        outward = np.cross(along, patch.normal)
+        outward *= np.sign(np.sum(outward * (border - middle), axis=1))[:, None]
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        outside = np.sum(outward * (toe - border), axis=1).max()
+        above = abs(float((toe - middle) @ patch.normal))
+        self._note("patch", max(float(outside), above), first, foothold.limb)
+
+
+def _rotations(vectors: Array) -> Array:
+    """exp([Θ]×) = I + sin θ [u]× + (1 − cos θ) [u]×² of rotation vectors, shape (K, 3) to (K, 3, 3)."""
+    angles = np.linalg.norm(vectors, axis=1)
+    x, y, z = (vectors / np.maximum(angles, 1e-12)[:, None]).T
+    zero = np.zeros_like(x)
+    axes = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+    sines, versines = np.sin(angles)[:, None, None], 1.0 - np.cos(angles)[:, None, None]
+    return np.asarray(np.eye(3) + sines * axes + versines * np.matmul(axes, axes))
