@@ -37,7 +37,8 @@ SOLVED = 1e-3
 class Nlp:
     """One choice of patches as a nonlinear program; forces in units of the weight, constant in intervals.
 
-    The variables are toes and forces alone; the body follows by sums that casadi differentiates.
+    The variables are toes, forces and the body's state at the ends of intervals, which the polynomials of an interval
+    tie together (multiple shooting).
     """
 
     def __init__(self, leap: Leap, timing: int, choice: np.ndarray) -> None:
@@ -58,9 +59,10 @@ class Nlp:
 
         self._toes(toes, ask)
         self._cones(forces, ask)
-        self._body(toes, forces, ask)
-        x = ca.vertcat(ca.vec(toes.T), ca.vec(forces.T))
-        options = {"print_time": False, "ipopt": {"print_level": 0, "max_iter": 200, "tol": 1e-6, "sb": "yes"}}
+        states = ca.SX.sym("s", len(self.holds) + 1, 12)
+        self._body(toes, forces, states, ask)
+        x = ca.vertcat(ca.vec(toes.T), ca.vec(forces.T), ca.vec(states.T))
+        options = {"print_time": False, "ipopt": {"print_level": 0, "max_iter": 80, "tol": 1e-6, "sb": "yes"}}
         problem = {"x": x, "f": 1e-4 * ca.sumsqr(forces), "g": ca.vertcat(*rows)}
         self.solver = ca.nlpsol("leap", "ipopt", problem, options)
         self.violation = ca.Function("violation", [x], [self._worst(ca.vertcat(*rows), low, high)])
@@ -79,7 +81,7 @@ class Nlp:
                 normal = self.leap.patch(j, self.choice).normal
                 forces.append(share * (0.5 * normal + [0.0, 0.0, 0.5]) + noise * share * rng.normal(size=3))
             toes = middles + (0.0 if start == 0 else 0.01) * rng.normal(size=middles.shape)
-            x0 = np.concatenate([toes.ravel(), np.ravel(forces)])
+            x0 = np.concatenate([toes.ravel(), np.ravel(forces), self._straight().ravel()])
             found = self.solver(x0=x0, lbg=self.low, ubg=self.high)
             best = min(best, float(self.violation(found["x"])))
             if best <= SOLVED:
@@ -118,14 +120,30 @@ class Nlp:
             ask(normal, 0.0, limits.force_share * (limits.ramp if lands or lifts else 1.0))
             ask(ca.dot(f, f) - (1.0 + patch.friction**2) * normal**2, -np.inf, 0.0)
 
-    def _body(self, toes: Any, forces: Any, ask: Any) -> None:
+    def _straight(self) -> np.ndarray:
+        """States on the straight line from start to goal, shape (M + 1, 12)."""
+        leap, share = self.leap, (self.times / self.times[-1])[:, None]
+        states = np.zeros((len(self.times), 12))
+        states[:, :3] = leap.start.com_m + share * (leap.goal.com_m - leap.start.com_m)
+        states[:, 3:6] = (leap.goal.com_m - leap.start.com_m) / self.times[-1]
+        return states
+
+    def _body(self, toes: Any, forces: Any, states: Any, ask: Any) -> None:
         """The body's motion, and what limits it, at the ends and the middles of intervals."""
         leap, limits = self.leap, self.leap.limits
         spin = ca.DM(np.linalg.inv(leap.robot.inertia / leap.robot.mass_kg))
-        state = [ca.DM(getattr(leap.start, name)) for name in
-                 ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad")]  # fmt: skip
-        c, v, spun, turn = state
+        names = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad")
         unit = limits.momentum_m2_s
+        scales = (1.0, 1.0, 1.0 / unit, 1.0)
+
+        def state_at(k: int) -> list[Any]:
+            """c, v, L and Θ at the end of an interval; L is a variable in units of its limit."""
+            row = states[k, :].T
+            return [row[3 * q : 3 * q + 3] / scales[q] for q in range(4)]
+
+        first = ca.vertcat(*(s * ca.DM(getattr(leap.start, name)) for s, name in zip(scales, names, strict=True)))
+        ask(states[0, :].T - first, 0.0, 0.0)
+        c, v, spun, turn = state_at(0)
         for k in range(len(self.holds)):
             dt = float(self.times[k + 1] - self.times[k])
             own = [(n, i, j) for n, (q, i, j) in enumerate(self.contacts) if q == k]
@@ -153,8 +171,12 @@ class Nlp:
                 com, speed, momentum, angle = at(t)
                 ask(angle, -limits.tilt_rad, limits.tilt_rad)
                 for n, i, j in own:
+                    if t == 0.0 and k > 0 and self.holds[k - 1, i] == j:
+                        continue  # the end of the interval before asked
                     self._leg(toes[j, :].T, com, speed, momentum, angle, forces[n, :].T, i, spin, ask)
-            c, v, spun, turn = at(dt)
+            after = ca.vertcat(*(s * part for s, part in zip(scales, at(dt), strict=True)))
+            ask(states[k + 1, :].T - after, 0.0, 0.0)
+            c, v, spun, turn = state_at(k + 1)
             ask(spun / unit, -1.0, 1.0)
         ask(ca.sumsqr(c - ca.DM(leap.goal.com_m)), -np.inf, leap.goal_radius_m**2)
         ask(v - ca.DM(leap.goal.velocity_m_s), 0.0, 0.0)
