@@ -68,7 +68,7 @@ def explain(
             raise InvalidInput("certificate: expected none with an answer, which has its own, got a Certificate")
         if subject.problem is None or subject.certificate is None or subject.status is not Status.INFEASIBLE:
             raise InvalidInput(f"explain: expected an answer that is infeasible, got one that is {subject.status}")
-        subject, certificate = subject.problem, subject.certificate
+        certificate, subject = subject.certificate, subject.problem
     if certificate is None:
         raise InvalidInput(f"certificate: expected one with a {type(subject).__name__}, got none")
     if isinstance(subject, Leap):

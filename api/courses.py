@@ -136,6 +136,7 @@ def plan(
     elif given:
         raise InvalidInput(f"{next(iter(given))}: expected none for a planner that was made before")
     else:
+        assert not isinstance(method, LeapFinder)
         planner = course_through_verifier(method)
     return plan_course(question, planner, shares=shares, limits=limits, deadline=deadline)
 

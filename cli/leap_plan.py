@@ -96,7 +96,7 @@ def _method(asked: PlanCourse) -> Any:
             check_writable(path)
             if path.suffix != ".json":
                 raise InvalidInput(f"{path}: expected a file whose name ends with .json")
-    order = "finder" if asked.planner == "two-stage" else asked.planner
+    order: Any = "finder" if asked.planner == "two-stage" else asked.planner
     return LeapFinder(order=order, share=0.8 if asked.reserve else 1.0)
 
 

@@ -7,7 +7,7 @@ quantities are non-dimensional. Programs are loaded with a ``Given``. The same t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -59,7 +59,7 @@ class FreeToes:
     implied: λ ≥ 0 follows from the forces of the stance contacts (``Scaled.box_implied``).
     """
 
-    def __init__(self, rows: Rows[Given], layout: Layout, *, explicit: bool, implied: bool = False) -> None:
+    def __init__(self, rows: Rows[Any], layout: Layout, *, explicit: bool, implied: bool = False) -> None:
         self._rows, self._layout = rows, layout
         self.weights = rows.variable("weights", len(layout.vertex_footholds))
         one = rows.equal("one", layout.footholds)
@@ -99,7 +99,7 @@ class HeldToes:
 class Body:
     """Centre of mass c and small rotation Θ of every frame, and what limits them (E2, E11)."""
 
-    def __init__(self, rows: Rows[Given], layout: Layout) -> None:
+    def __init__(self, rows: Rows[Any], layout: Layout) -> None:
         self._rows, self._layout = rows, layout
         self.com = rows.variable("com", layout.frames, 3)
         self.rotation = rows.variable("rotation", layout.frames, 3)
@@ -174,7 +174,7 @@ class Forces:
     """
 
     def __init__(
-        self, rows: Rows[Given], layout: Layout, contact: Index, candidate: Index, share: tuple[Index, Index] | None
+        self, rows: Rows[Any], layout: Layout, contact: Index, candidate: Index, share: tuple[Index, Index] | None
     ) -> None:
         self._rows, self._layout, self._share = rows, layout, share
         self.contact, self.candidate = contact, candidate
@@ -182,7 +182,7 @@ class Forces:
         self.columns = rows.variable("forces", len(contact), 3)
 
     @classmethod
-    def of_contacts(cls, rows: Rows[Given], layout: Layout) -> Forces:
+    def of_contacts(cls, rows: Rows[Any], layout: Layout) -> Forces:
         """One force a stance contact; one candidate a foothold."""
         foothold = layout.contacts[2]
         return cls(rows, layout, np.arange(len(foothold)), foothold, None)
@@ -201,7 +201,7 @@ class Forces:
         return cls(rows, layout, contact, candidate, (row, toes.weights[starts[candidate[row]] + within]))
 
     @classmethod
-    def of_vertices(cls, rows: Rows[Given], layout: Layout, toes: FreeToes) -> Forces:
+    def of_vertices(cls, rows: Rows[Any], layout: Layout, toes: FreeToes) -> Forces:
         """f_u := λ_u f of every vertex under a contact: the lift's forces, in the frame of the vertex's candidate.
 
         toes: whose λ_u scale cone and box of each, so that a vertex without weight carries nothing.

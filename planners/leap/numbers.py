@@ -76,7 +76,7 @@ class LeapNumbers:
             timing=timing,
             scaled=_scaled(leap),
             lasts=np.diff(times),
-            spin=np.linalg.inv(inertia / robot.mass_kg),
+            spin=np.asarray(np.linalg.inv(inertia / robot.mass_kg), dtype=np.float64),
             hips=np.array([leg.hip_m for leg in legs]),
             speed=np.minimum([leg.speed_m_s for leg in legs], UNLIMITED),
             power=np.minimum(np.array([leg.power_w for leg in legs]) / leap.weight_n, UNLIMITED),

@@ -153,7 +153,7 @@ class Turning:
             rows.put(
                 middle[:, :, None],
                 columns[:, None, :],
-                lambda d, sign=sign: sign / 8.0 * d.numbers.lasts[:, None, None] * d.numbers.spin,
+                _signed(sign / 8.0, lambda d: d.numbers.lasts[:, None, None] * d.numbers.spin),
             )
 
 
@@ -180,8 +180,8 @@ class Legs:
         slack = _one_slack(rows, "speed", len(own))
         for name, sign in (("extends", 1.0), ("folds", -1.0)):
             row = rows.at_most(name, len(own))
-            rows.put(row[:, None], self._dynamics.velocity[node], lambda d, s=sign: s * legs_of(d)[0][own])
-            rows.put(row[:, None], momentum[node], lambda d, s=sign: s * legs_of(d)[1][own])
+            rows.put(row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: legs_of(d)[0][own]))
+            rows.put(row[:, None], momentum[node], _signed(sign, lambda d: legs_of(d)[1][own]))
             rows.put(row, slack, -1.0)
             rows.right(row, lambda d: SPEED_RESERVE * d.numbers.speed[limb[own]])
 
@@ -208,11 +208,11 @@ class Legs:
         columns, limb = np.concatenate([forces.columns, forces.columns]), np.concatenate([limb, limb])
         for name, sign in (("drives", 1.0), ("brakes", -1.0)):
             row = rows.at_most(name, len(node))
-            rows.put(row[:, None], self._dynamics.velocity[node], lambda d, s=sign: s * powers_of(d)[0])
-            rows.put(row[:, None], momentum[node], lambda d, s=sign: s * powers_of(d)[1])
-            rows.put(row[:, None], columns, lambda d, s=sign: s * powers_of(d)[2])
+            rows.put(row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: powers_of(d)[0]))
+            rows.put(row[:, None], momentum[node], _signed(sign, lambda d: powers_of(d)[1]))
+            rows.put(row[:, None], columns, _signed(sign, lambda d: powers_of(d)[2]))
             rows.put(row, slack, -1.0)
-            rows.right(row, lambda d, s=sign: SPEED_RESERVE * d.numbers.power[limb] + s * powers_of(d)[3])
+            rows.right(row, _powers_left(sign, limb))
 
     def inside(self) -> None:
         """a·R(Θ)ᵀ(p − c) ≤ b of every half-space of reach, about a point; the outer ones are hard rows beside it."""
@@ -287,6 +287,16 @@ def _normals(given: LeapGiven) -> tuple[Array, Array, Array]:
     away = (point.toes[foothold] - point.com[frame])[which]
     lever = np.cross(normals, away)
     return normals + np.cross(turn, normals), lever, np.sum(turn * lever, axis=1)
+
+
+def _signed(sign: float, fill: Callable[[LeapGiven], Array]) -> Callable[[LeapGiven], Array]:
+    """A number times what a function gives."""
+    return lambda d: sign * fill(d)
+
+
+def _powers_left(sign: float, limb: Index) -> Callable[[LeapGiven], Array]:
+    """Largest power and ± f̂·v̂, at both ends of every contact's interval."""
+    return lambda d: SPEED_RESERVE * d.numbers.power[limb] + sign * powers_of(d)[3]
 
 
 def _pushed(forces: Forces, layout: Layout) -> Callable[[LeapGiven], Array]:

@@ -22,7 +22,7 @@ from .leap import BodyState, Leap, LeapLimits, Phase
 from .leap_classes import leap_class, nameless
 from .posture_json import ReachRowsJson
 
-FORMAT = "stancekit/leap/1"
+FORMAT: Literal["stancekit/leap/1"] = "stancekit/leap/1"
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Vector = tuple[Number, Number, Number]
 

@@ -198,7 +198,7 @@ class _Judge:
         for i, limb in enumerate(leap.robot.limb_names):
             force = self.plan.forces_n[k, i]
             if holds[i] < 0:
-                self._note("idle_force", np.linalg.norm(force), k, limb, scale=weight)
+                self._note("idle_force", float(np.linalg.norm(force)), k, limb, scale=weight)
                 continue
             patch = leap.patch(int(holds[i]), self.plan.choice)
             normal = float(force @ patch.normal)
@@ -253,7 +253,7 @@ class _Judge:
         foothold, patch = leap.footholds[j], leap.patch(j, self.plan.choice)
         first = int(np.flatnonzero(self.phase == foothold.frame)[0])
         if foothold.toe_m is not None:
-            self._note("patch", np.linalg.norm(toe - foothold.toe_m), first, foothold.limb)
+            self._note("patch", float(np.linalg.norm(toe - foothold.toe_m)), first, foothold.limb)
             return
         border = patch.vertices_m
         along = np.roll(border, -1, axis=0) - border

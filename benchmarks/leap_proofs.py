@@ -1,0 +1,423 @@
+"""Do refuted leaps have no leap, and are forged ones refused? Against an optimiser and a judge of their own.
+
+    python benchmarks/leap_proofs.py --choices 300 --scenes 50 --cuts 20000 --forged 200
+
+Choices that a Farkas cut refutes, and the most favourable choices of scenes that a certificate refutes, are given to
+IPOPT (casadi) from five starts: a program with the moments as they are, of forces, toes and the body, written here and
+sharing nothing with the package but the question. Whatever it finds is put to the judge below. Cuts are evaluated on
+choices that were solved; forged leaps are put to the verifier.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.leap.cuts import MARGIN, proof_cut, ray
+from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
+from stancekit.planners.leap.numbers import LeapNumbers
+from stancekit.planners.leap.scp import attempt, plan_of
+from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.leap_classes import leap_class
+from stancekit.planners.verify.leaps import check_leap
+
+G = 9.81
+SOLVED = 1e-3
+"""Largest violation at which a point counts as a leap: m, units of the weight, m²/s over its limit, rad."""
+
+
+class Nlp:
+    """One choice of patches as a nonlinear program; forces in units of the weight, constant in intervals.
+
+    The variables are toes, forces and the body's state at the ends of intervals, which the polynomials of an interval
+    tie together (multiple shooting).
+    """
+
+    def __init__(self, leap: Leap, timing: int, choice: np.ndarray) -> None:
+        self.leap, self.choice = leap, choice
+        self.times = leap.times_s(timing)
+        self.holds = leap.holds[leap.interval_phases]
+        self.contacts = [(k, i, int(j)) for k, row in enumerate(self.holds) for i, j in enumerate(row) if j >= 0]
+        toes, forces = ca.SX.sym("p", len(leap.footholds), 3), ca.SX.sym("f", len(self.contacts), 3)
+        rows: list[Any] = []
+        low: list[float] = []
+        high: list[float] = []
+
+        def ask(value: Any, least: float, most: float) -> None:
+            flat = ca.vec(value)
+            rows.append(flat)
+            low.extend([least] * flat.numel())
+            high.extend([most] * flat.numel())
+
+        self._toes(toes, ask)
+        self._cones(forces, ask)
+        states = ca.SX.sym("s", len(self.holds) + 1, 12)
+        self._body(toes, forces, states, ask)
+        x = ca.vertcat(ca.vec(toes.T), ca.vec(forces.T), ca.vec(states.T))
+        options = {"print_time": False, "ipopt": {"print_level": 0, "max_iter": 80, "tol": 1e-6, "sb": "yes"}}
+        problem = {"x": x, "f": 1e-4 * ca.sumsqr(forces), "g": ca.vertcat(*rows)}
+        self.solver = ca.nlpsol("leap", "ipopt", problem, options)
+        self.violation = ca.Function("violation", [x], [self._worst(ca.vertcat(*rows), low, high)])
+        self.low, self.high = low, high
+
+    def tried(self, starts: int, rng: np.random.Generator) -> float:
+        """The least violation that IPOPT reaches from several starts."""
+        middles = np.array([self.leap.patch(j, self.choice).vertices_m.mean(axis=0) for j in range(len(self.choice))])
+        count = np.bincount([k for k, *_ in self.contacts], minlength=len(self.holds))
+        best = np.inf
+        for start in range(starts):
+            noise = 0.0 if start == 0 else 0.3
+            forces = []
+            for k, _, j in self.contacts:
+                share = 1.6 / count[k]
+                normal = self.leap.patch(j, self.choice).normal
+                forces.append(share * (0.5 * normal + [0.0, 0.0, 0.5]) + noise * share * rng.normal(size=3))
+            toes = middles + (0.0 if start == 0 else 0.01) * rng.normal(size=middles.shape)
+            x0 = np.concatenate([toes.ravel(), np.ravel(forces), self._straight().ravel()])
+            found = self.solver(x0=x0, lbg=self.low, ubg=self.high)
+            best = min(best, float(self.violation(found["x"])))
+            if best <= SOLVED:
+                break
+        return best
+
+    def _worst(self, rows: Any, low: list[float], high: list[float]) -> Any:
+        over = ca.fmax(rows - ca.DM(high), ca.DM(low) - rows)
+        return ca.mmax(over)
+
+    def _toes(self, toes: Any, ask: Any) -> None:
+        """Every toe in its patch."""
+        for j in range(len(self.leap.footholds)):
+            patch, foothold = self.leap.patch(j, self.choice), self.leap.footholds[j]
+            p = toes[j, :].T
+            if foothold.toe_m is not None:
+                ask(p - ca.DM(foothold.toe_m), 0.0, 0.0)
+                continue
+            middle = patch.vertices_m.mean(axis=0)
+            ask(ca.dot(ca.DM(patch.normal), p - ca.DM(middle)), 0.0, 0.0)
+            for a, b in zip(patch.vertices_m, np.roll(patch.vertices_m, -1, axis=0), strict=True):
+                outward = np.cross(b - a, patch.normal)
+                outward *= np.sign(outward @ (a - middle)) / np.linalg.norm(outward)
+                ask(ca.dot(ca.DM(outward), p - ca.DM(a)), -np.inf, 0.0)
+
+    def _cones(self, forces: Any, ask: Any) -> None:
+        """Cones with all of the friction, and the largest forces."""
+        limits = self.leap.limits
+        stands = self.holds >= 0
+        for n, (k, i, j) in enumerate(self.contacts):
+            patch = self.leap.patch(j, self.choice)
+            f = forces[n, :].T
+            normal = ca.dot(ca.DM(patch.normal), f)
+            lands = k > 0 and not stands[k - 1, i]
+            lifts = k + 1 < len(stands) and not stands[k + 1, i]
+            ask(normal, 0.0, limits.force_share * (limits.ramp if lands or lifts else 1.0))
+            ask(ca.dot(f, f) - (1.0 + patch.friction**2) * normal**2, -np.inf, 0.0)
+
+    def _straight(self) -> np.ndarray:
+        """States on the straight line from start to goal, shape (M + 1, 12)."""
+        leap, share = self.leap, (self.times / self.times[-1])[:, None]
+        states = np.zeros((len(self.times), 12))
+        states[:, :3] = leap.start.com_m + share * (leap.goal.com_m - leap.start.com_m)
+        states[:, 3:6] = (leap.goal.com_m - leap.start.com_m) / self.times[-1]
+        return states
+
+    def _body(self, toes: Any, forces: Any, states: Any, ask: Any) -> None:
+        """The body's motion, and what limits it, at the ends and the middles of intervals."""
+        leap, limits = self.leap, self.leap.limits
+        spin = ca.DM(np.linalg.inv(leap.robot.inertia / leap.robot.mass_kg))
+        names = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad")
+        unit = limits.momentum_m2_s
+        scales = (1.0, 1.0, 1.0 / unit, 1.0)
+
+        def state_at(k: int) -> list[Any]:
+            """c, v, L and Θ at the end of an interval; L is a variable in units of its limit."""
+            row = states[k, :].T
+            return [row[3 * q : 3 * q + 3] / scales[q] for q in range(4)]
+
+        first = ca.vertcat(*(s * ca.DM(getattr(leap.start, name)) for s, name in zip(scales, names, strict=True)))
+        ask(states[0, :].T - first, 0.0, 0.0)
+        c, v, spun, turn = state_at(0)
+        for k in range(len(self.holds)):
+            dt = float(self.times[k + 1] - self.times[k])
+            own = [(n, i, j) for n, (q, i, j) in enumerate(self.contacts) if q == k]
+            total, twist = ca.SX.zeros(3), ca.SX.zeros(3)
+            for n, _, j in own:
+                f = forces[n, :].T
+                total += G * f
+                twist += G * ca.cross(toes[j, :].T, f)
+            a = total - ca.DM([0.0, 0.0, G])
+
+            def at(t: float, c=c, v=v, spun=spun, turn=turn, a=a, total=total, twist=twist) -> tuple[Any, ...]:
+                """c, v, L and Θ after t seconds of an interval, as polynomials."""
+                # ∫ c = c t + v t²/2 + a t³/6; L = L₀ + t Σ p × f − ∫ c × F; and once more for Θ
+                once = c * t + v * t**2 / 2 + a * t**3 / 6
+                twice = c * t**2 / 2 + v * t**3 / 6 + a * t**4 / 24
+                momentum = spun + t * twist - ca.cross(once, total)
+                angle = turn + spin @ (spun * t + twist * t**2 / 2 - ca.cross(twice, total))
+                return c + v * t + a * t**2 / 2, v + a * t, momentum, angle
+
+            still = (k == 0 and leap.still[0]) or (k == len(self.holds) - 1 and leap.still[1])
+            if still:
+                ask(a, 0.0, 0.0)
+                ask(at(dt)[2] / unit, -1e-3, 1e-3)
+            for t in (0.0, 0.5 * dt, dt):
+                com, speed, momentum, angle = at(t)
+                ask(angle, -limits.tilt_rad, limits.tilt_rad)
+                for n, i, j in own:
+                    if t == 0.0 and k > 0 and self.holds[k - 1, i] == j:
+                        continue  # the end of the interval before asked
+                    self._leg(toes[j, :].T, com, speed, momentum, angle, forces[n, :].T, i, spin, ask)
+            after = ca.vertcat(*(s * part for s, part in zip(scales, at(dt), strict=True)))
+            ask(states[k + 1, :].T - after, 0.0, 0.0)
+            c, v, spun, turn = state_at(k + 1)
+            ask(spun / unit, -1.0, 1.0)
+        ask(ca.sumsqr(c - ca.DM(leap.goal.com_m)), -np.inf, leap.goal_radius_m**2)
+        ask(v - ca.DM(leap.goal.velocity_m_s), 0.0, 0.0)
+        ask((spun - ca.DM(leap.goal.momentum_m2_s)) / unit, 0.0, 0.0)
+        ask(turn, -limits.goal_tilt_rad, limits.goal_tilt_rad)
+
+    def _leg(
+        self, p: Any, com: Any, speed: Any, momentum: Any, angle: Any, force: Any, i: int, spin: Any, ask: Any
+    ) -> None:
+        """Reach, height, length, speed and power of a leg at one instant, by the rotation I + [Θ]× + ½ [Θ]×²."""
+        leap, limb = self.leap, self.leap.robot.limbs[i]
+        leg = leap.leg(limb)
+        cross = ca.skew(angle)
+        turn = ca.SX.eye(3) + cross + 0.5 * cross @ cross
+        away = p - com - turn @ ca.DM(limb.shoulder_m)
+        ask(ca.sumsqr(away), -np.inf, limb.reach_m**2)
+        if limb.reach_rows is not None:
+            own = turn.T @ (p - com)
+            ask(ca.DM(limb.reach_rows.normals) @ own - ca.DM(limb.reach_rows.bounds_m), -np.inf, 0.0)
+        ask(com[2] - p[2], leap.limits.height_m, np.inf)
+        arm = turn @ ca.DM(leg.hip_m)
+        hip = com + arm - p
+        ask(ca.sumsqr(hip), leg.fold_m**2, np.inf)
+        moves = speed + ca.cross(spin @ momentum, arm)
+        if np.isfinite(leg.speed_m_s):
+            rate = ca.dot(hip, moves) / ca.sqrt(ca.sumsqr(hip) + 1e-9)
+            ask(rate, -leg.speed_m_s, leg.speed_m_s)
+        if np.isfinite(leg.power_w):
+            most = leg.power_w / leap.weight_n
+            ask(ca.dot(force, moves), -most, most)
+
+
+def forged(plan: LeapPlan, size: float, kind: str, rng: np.random.Generator) -> LeapPlan:
+    """A leap with one fault; size: from 2 to 10, in units of what the verifier lets pass."""
+    leap = plan.leap
+    arrays = {name: np.array(getattr(plan, name)) for name in
+              ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")}  # fmt: skip
+    k, step = int(rng.integers(1, leap.intervals)), 1e-3 * size
+    standing = np.argwhere(np.abs(arrays["forces_n"]).sum(axis=2) > 1.0)
+    q, i = standing[int(rng.integers(len(standing)))]
+    j = int(leap.holds[leap.interval_phases[q], i])
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    match kind:
+        case "says where it is not":
+            arrays["com_m"][k] += 0.1 * step * np.sign(direction)
+        case "says another speed":
+            arrays["velocity_m_s"][k] += step * np.sign(direction)
+        case "says another momentum":
+            arrays["momentum_m2_s"][k] += step * leap.limits.momentum_m2_s * np.sign(direction)
+        case "pushes in the air":
+            flight = int(np.flatnonzero((leap.holds[leap.interval_phases] < 0).all(axis=1))[0])
+            arrays["forces_n"][flight, i] += step * leap.weight_n * direction
+        case "off its patch":
+            patch = leap.patch(j, plan.choice)
+            arrays["toes_m"][j] += 0.1 * step * patch.normal
+        case "pushes more":
+            arrays["forces_n"][q, i] += 5.0 * step * leap.weight_n * direction
+        case "pulls":
+            patch = leap.patch(j, plan.choice)
+            arrays["forces_n"][q, i] = -step * leap.weight_n * patch.normal
+        case "slips":
+            patch = leap.patch(j, plan.choice)
+            across = np.cross(patch.normal, direction)
+            across /= np.linalg.norm(across)
+            normal = arrays["forces_n"][q, i] @ patch.normal
+            shear = patch.friction * normal + step * leap.weight_n
+            arrays["forces_n"][q, i] = normal * patch.normal + shear * across
+        case "another patch":
+            choice = plan.choice.copy()
+            choice[j] = (choice[j] + 1) % len(leap.footholds[j].candidates)
+            return LeapPlan(leap=leap, timing=plan.timing, choice=choice, **arrays)
+        case "without rest":
+            arrays["forces_n"][0, i] += step * leap.weight_n * direction
+    return LeapPlan(leap=leap, timing=plan.timing, choice=plan.choice, **arrays)
+
+
+KINDS = ("says where it is not", "says another speed", "says another momentum", "pushes in the air", "off its patch",
+         "pushes more", "pulls", "slips", "another patch", "without rest")  # fmt: skip
+
+
+def judged(plan: LeapPlan) -> float:
+    """How far a plan is from a leap, by sums written here: closed forms of c, v, L; the largest violation, scaled."""
+    leap = plan.leap
+    times, mass = plan.times_s, leap.robot.mass_kg
+    c, v, spun = (np.array(x) for x in (leap.start.com_m, leap.start.velocity_m_s, leap.start.momentum_m2_s))
+    worst = 0.0
+    unit = leap.limits.momentum_m2_s
+    for k in range(leap.intervals):
+        says = (plan.com_m[k] - c) / 0.1, plan.velocity_m_s[k] - v, (plan.momentum_m2_s[k] - spun) / unit
+        worst = max(worst, *(float(np.abs(one).max()) for one in says))
+        dt, holds = times[k + 1] - times[k], leap.holds[leap.interval_phases[k]]
+        total, twist = np.zeros(3), np.zeros(3)
+        for i, j in enumerate(holds):
+            f = plan.forces_n[k, i]
+            if j < 0:
+                worst = max(worst, float(np.linalg.norm(f)) / leap.weight_n)
+                continue
+            patch = leap.patch(int(j), plan.choice)
+            normal = f @ patch.normal
+            slip = np.linalg.norm(f - normal * patch.normal) - patch.friction * normal
+            most = leap.limits.force_share * leap.weight_n
+            worst = max(worst, *(float(x) / leap.weight_n for x in (-normal, slip, normal - most)))
+            total, twist = total + f / mass, twist + np.cross(plan.toes_m[j], f / mass)
+        a = total - np.array([0.0, 0.0, G])
+        spun = spun + dt * twist - np.cross(c * dt + v * dt**2 / 2 + a * dt**3 / 6, total)
+        c, v = c + dt * v + dt**2 / 2 * a, v + dt * a
+        if (k == 0 and leap.still[0]) or (k == leap.intervals - 1 and leap.still[1]):
+            worst = max(worst, float(np.abs(a).max()) * dt)
+    says = (plan.com_m[-1] - c) / 0.1, plan.velocity_m_s[-1] - v, (plan.momentum_m2_s[-1] - spun) / unit
+    worst = max(worst, *(float(np.abs(one).max()) for one in says))
+    worst = max(worst, (float(np.linalg.norm(c - leap.goal.com_m)) - leap.goal_radius_m) / 0.1)
+    worst = max(worst, float(np.abs(v).max()), float(np.abs(spun).max()) / unit)
+    for j in range(len(leap.footholds)):
+        patch, toe = leap.patch(j, plan.choice), plan.toes_m[j]
+        worst = max(worst, abs(float((toe - patch.vertices_m.mean(axis=0)) @ patch.normal)) / 0.1)
+    return worst
+
+
+def main() -> None:
+    """Run all parts, one line each as it ends."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--choices", type=int, default=300)
+    parser.add_argument("--scenes", type=int, default=50)
+    parser.add_argument("--random", type=int, default=60)
+    parser.add_argument("--cuts", type=int, default=20_000)
+    parser.add_argument("--forged", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=43)
+    parser.add_argument("--seconds", type=float, default=1e9, help="CPU-s for each part")
+    options = parser.parse_args()
+    programs = Programs()
+    honest = solved_and_cut(options, programs)
+    forgeries(options, honest)
+    refuted_scenes(options, programs)
+    refuted_choices(options, programs)
+
+
+def say(part: str, **figures: Any) -> None:
+    """Print a line."""
+    print(part, json.dumps(figures), flush=True)
+
+
+def solved_and_cut(options: argparse.Namespace, programs: Programs) -> list[LeapPlan]:
+    """Cuts that prove, of every scene, evaluated on the choices of it that are solved."""
+    plans: list[LeapPlan] = []
+    evaluated, refuted, index, begin = 0, 0, 0, time.process_time()
+    while evaluated < options.cuts and time.process_time() - begin < options.seconds:
+        leap = leap_class("leap").draw(np.random.default_rng([options.seed, 1, index]))
+        index += 1
+        search = LeapSearch(leap, LeapFinder(order="noise", solves=120, seed=index), programs)
+        rows, solved = [], []
+        for found in search.attempts():
+            if found.refuted:
+                rows.append(ray(search.last.numbers, found.solution))
+            elif found.solved:
+                plan = plan_of(search.last.numbers, found, "noise")
+                if check_leap(plan).accepted:
+                    solved.append(found.choice)
+                    plans.append(plan)
+        numbers = search.last.numbers
+        rng = np.random.default_rng([options.seed, 2, index])
+        for _ in range(20 if solved else 0):  # cuts of random choices, which fail more often
+            tried = attempt(programs, numbers, np.array([rng.integers(len(w)) for w in numbers.scaled.which]))
+            if tried.refuted:
+                rows.append(ray(numbers, tried.solution))
+        for row in rows if solved else []:
+            cut = proof_cut(numbers, row)
+            values = [cut.value(choice) for choice in solved]
+            evaluated += len(values)
+            refuted += sum(value > MARGIN for value in values)
+    errors = [check_leap(plan).momentum_error for plan in plans[:200]]
+    say("cuts on solved choices", evaluated=evaluated, refuted=refuted, scenes=index, solved=len(plans),
+        worst_error_of_L=max(errors, default=0.0), cpu_s=time.process_time() - begin)  # fmt: skip
+    return plans
+
+
+def forgeries(options: argparse.Namespace, honest: list[LeapPlan]) -> None:
+    """Forged leaps, judged here and put to the verifier."""
+    accepted, bad, number = 0, 0, 0
+    own = max((judged(plan) for plan in honest[: options.forged]), default=0.0)
+    for number in range(options.forged if honest else 0):
+        rng = np.random.default_rng([options.seed, 3, number])
+        size = float(np.geomspace(2.0, 10.0, options.forged)[number])
+        kind = KINDS[number % len(KINDS)]
+        fake = forged(honest[number % len(honest)], size, kind, rng)
+        wrong = judged(fake) > 1e-3
+        bad += wrong
+        if check_leap(fake).accepted:
+            accepted += wrong
+            if wrong:
+                say("accepted", kind=kind, size=size)
+    say("forged leaps", forged=options.forged, wrong_by_own_judge=bad, accepted=accepted, honest_by_own_judge=own)
+
+
+def refuted_scenes(options: argparse.Namespace, programs: Programs) -> None:
+    """Scenes with a certificate: random choices of them by SCP without cuts, and one by the other optimiser."""
+    scenes, solved, nlp_solved, nlp, index, begin = 0, 0, 0, 0, 0, time.process_time()
+    tries = 0
+    while scenes < options.scenes and time.process_time() - begin < options.seconds:
+        leap = leap_class("leap-few").draw(np.random.default_rng([options.seed, 4, index]))
+        index += 1
+        outcome = find_leap(leap, LeapFinder(solves=8), programs=programs)
+        if outcome.status is not Status.INFEASIBLE:
+            continue
+        scenes += 1
+        numbers, rng = LeapNumbers.of(leap), np.random.default_rng([options.seed, 5, index])
+        for _ in range(options.random):
+            choice = np.array([rng.integers(len(which)) for which in numbers.scaled.which])
+            found = attempt(programs, numbers, choice, share=1.0, stop=np.inf)
+            tries += 1
+            solved += found.solved
+        best = LeapFinder().rule.scores(numbers).argmax(axis=1)
+        nlp += 1
+        nlp_solved += Nlp(leap, 0, best).tried(5, rng) <= SOLVED
+    say("refuted scenes", scenes=scenes, drawn=index, random_tries=tries, solved=solved, nlp=nlp,
+        nlp_solved=nlp_solved, cpu_s=time.process_time() - begin)  # fmt: skip
+
+
+def refuted_choices(options: argparse.Namespace, programs: Programs) -> None:
+    """Choices that a cut refutes, and as many solved ones, by the other optimiser."""
+    begin, index = time.process_time(), 0
+    count = {"refuted": 0, "solved": 0}
+    agrees = {"refuted": 0, "solved": 0}
+    while count["refuted"] < options.choices and time.process_time() - begin < options.seconds:
+        leap = leap_class("leap").draw(np.random.default_rng([options.seed, 6, index]))
+        index += 1
+        rng = np.random.default_rng([options.seed, 7, index])
+        search = LeapSearch(leap, LeapFinder(order="noise", solves=30, seed=index), programs)
+        numbers, of_scene = search.last.numbers, 0
+        for found in search.attempts():
+            kind = "solved" if found.solved else ""
+            if found.refuted and proof_cut(numbers, ray(numbers, found.solution)).value(found.choice) > MARGIN:
+                kind = "refuted"
+            if not kind or of_scene >= 6 or (kind == "solved" and count["solved"] >= 30):
+                continue
+            of_scene += 1
+            count[kind] += 1
+            agrees[kind] += Nlp(leap, 0, found.choice).tried(5, rng) <= SOLVED
+    say("choices by IPOPT from 5 starts", refuted=count["refuted"], refuted_and_solved=agrees["refuted"],
+        solved_by_scp=count["solved"], solved_by_both=agrees["solved"], cpu_s=time.process_time() - begin)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""What is found is accepted, what is cut has no leap, and what is proved is checked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.leap_outcome import LeapOutcome
+from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.leap.cuts import MARGIN, guide, plan_cut, proof_cut, ray
+from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
+from stancekit.planners.leap.numbers import LeapNumbers
+from stancekit.planners.leap.pick import Picker
+from stancekit.planners.leap.replan import remaining_leap
+from stancekit.planners.leap.scp import Attempt, attempt
+from stancekit.planners.problem.leap import BodyState, Leap
+from stancekit.planners.problem.leap_classes import leap_class
+from stancekit.planners.verify.leap_proof import check_leap_certificate, explain_leap
+from stancekit.planners.verify.leaps import check_leap
+
+
+@pytest.mark.parametrize("order", ["rule", "noise", "farkas", "finder"])
+def test_every_order_finds_a_leap_that_the_verifier_accepts(leap: Leap, order) -> None:
+    outcome = find_leap(leap, LeapFinder(order=order))
+    assert outcome.status is Status.FEASIBLE
+    assert outcome.report is not None
+    assert outcome.report.accepted
+    assert outcome.report.momentum_error < 1e-3
+
+
+def test_random_choices_are_untried_ones(leap: Leap) -> None:
+    search = LeapSearch(leap, LeapFinder(order="random", solves=12), Programs())
+    tried = [tuple(found.choice.tolist()) for found in search.attempts()]
+    assert len(set(tried)) == len(tried) > 3
+
+
+def test_a_box_robot_leaps() -> None:
+    outcome = find_leap(leap_class("leap-anymal").draw(np.random.default_rng(0)))
+    assert outcome.status is Status.FEASIBLE
+
+
+def test_cuts_refute_the_choice_that_they_come_from_and_none_that_is_solved() -> None:
+    leap = leap_class("leap").draw(np.random.default_rng(6))
+    numbers, programs, rng = LeapNumbers.of(leap), Programs(), np.random.default_rng(0)
+    solved = [found.choice for found in LeapSearch(leap, LeapFinder(solves=12), programs).attempts() if found.solved]
+    assert solved
+    own, proofs = 0, 0
+    for _ in range(16):
+        found = attempt(programs, numbers, rng.integers(0, 8, 8))
+        if not found.refuted:
+            continue
+        row = ray(numbers, found.solution)
+        plan, proof = plan_cut(numbers, row, 0.8), proof_cut(numbers, row)
+        own += plan.value(found.choice) > MARGIN
+        proofs += proof.value(found.choice) > MARGIN
+        assert proof.value(found.choice) <= plan.value(found.choice) + 1e-9
+        assert max(plan.value(choice) for choice in solved) <= MARGIN
+    assert (own > 8, proofs > 4) == (True, True)
+
+
+def test_the_guide_of_a_choice_is_its_cost_and_bounds_that_of_others(leap: Leap, failed: Attempt) -> None:
+    numbers = LeapNumbers.of(leap)
+    cut = guide(numbers, failed)
+    assert cut.value(failed.choice) == pytest.approx(failed.first, abs=1e-9)
+    other = np.array(failed.choice)
+    other[6] = (other[6] + 1) % 8
+    found = attempt(Programs(), numbers, other, share=1.0, steps=1)
+    assert cut.value(other) <= found.first + 1e-3 or found.refuted
+
+
+def test_the_picker_gives_the_best_sum_that_no_cut_refutes() -> None:
+    rng = np.random.default_rng(5)
+    scores = rng.normal(size=(5, 3))
+    scores[2, 1:] = -np.inf
+    picker = Picker(scores, 1.0)
+    every = [(a, b, 0, d, e) for a in range(3) for b in range(3) for d in range(3) for e in range(3)]
+    value = {one: scores[np.arange(5), list(one)].sum() for one in every}
+    assert tuple(picker.best()) == max(every, key=value.get)
+    from stancekit.planners.leap.cuts import Cut
+
+    cut = Cut(constant=0.0, table=np.where(np.isfinite(scores), rng.normal(size=(5, 3)), np.inf))
+    picker.refute(cut)
+    left = [one for one in every if cut.value(np.array(one)) <= MARGIN]
+    assert tuple(picker.best()) == max(left, key=value.get)
+
+
+def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: LeapOutcome) -> None:
+    leap, proof = refuted.problem, refuted.certificate
+    assert proof is not None
+    assert check_leap_certificate(leap, proof).accepted
+    nothing = Certificate(tree=proof.tree, multipliers=0.0 * proof.multipliers)
+    short = Certificate(tree=proof.tree, multipliers=proof.multipliers[:, :-1])
+    torn = Certificate(tree=np.array([[1.0, 0.0, 0.0, 0.0, 0.0]]), multipliers=proof.multipliers[:1])
+    noise = np.random.default_rng(0).normal(size=proof.multipliers.shape)
+    for bad in (nothing, short, torn, Certificate(tree=proof.tree, multipliers=noise)):
+        assert not check_leap_certificate(leap, bad).accepted
+    with_grip = replace(
+        leap,
+        footholds=tuple(
+            replace(one, candidates=tuple(patch.with_friction(2.0) for patch in one.candidates))
+            for one in leap.footholds
+        ),
+        robot=replace(leap.robot, limbs=tuple(replace(limb, reach_m=1.0) for limb in leap.robot.limbs)),
+    )
+    assert not check_leap_certificate(with_grip, proof).accepted
+
+
+def test_the_planners_bound_is_that_of_the_check(refuted: LeapOutcome) -> None:
+    leap, proof = refuted.problem, refuted.certificate
+    assert proof is not None
+    if len(proof.multipliers) == 1:
+        bound = check_leap_certificate(leap, proof).lower_bound
+        numbers = LeapNumbers.of(leap)
+        cut = proof_cut(numbers, proof.multipliers[0])
+        assert cut.least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-6)
+
+
+def test_an_explanation_names_what_would_have_to_give(refuted: LeapOutcome) -> None:
+    assert refuted.certificate is not None
+    said = explain_leap(refuted.problem, refuted.certificate)
+    first = said.relaxations[0]
+    assert said.message.startswith("infeasible: ")
+    assert first.leg in said.message
+    assert first.needed > first.now
+
+
+def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: LeapOutcome) -> None:
+    plan = found.plan
+    assert plan is not None
+    here = plan.at(np.array([0.4]))
+    state = BodyState(
+        com_m=here["com_m"][0] + np.array([0.002, 0.0, 0.0]), velocity_m_s=here["velocity_m_s"][0],
+        momentum_m2_s=plan.momentum_m2_s[4], rotation_rad=here["rotation_rad"][0],
+    )  # fmt: skip
+    rest = remaining_leap(plan, 0.4, state)
+    assert [phase.limbs for phase in rest.phases] == [(), plan.leap.phases[2].limbs]
+    assert find_leap(rest).status is Status.FEASIBLE
+    with pytest.raises(InvalidInput, match=r"time_s: expected 0 or more, and less than 0\.96 s, got 2"):
+        remaining_leap(plan, 2.0, state)
+
+
+def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(found: LeapOutcome, refuted: LeapOutcome) -> None:
+    impossible = (0.32, 0.02, 0.32)
+    two = replace(found.problem, timings_s=(impossible, found.problem.timings_s[0]))
+    outcome = find_leap(two)
+    assert outcome.plan is not None
+    assert outcome.plan.timing == 1
+    both = replace(refuted.problem, timings_s=(refuted.problem.timings_s[0], refuted.problem.timings_s[0]))
+    proof = find_leap(both, LeapFinder(solves=4)).certificate
+    assert proof is not None
+    assert check_leap_certificate(both, proof).accepted
+    assert not check_leap_certificate(refuted.problem, proof).accepted
+
+
+def test_a_forged_leap_is_refused(found: LeapOutcome) -> None:
+    plan = found.plan
+    assert plan is not None
+    assert check_leap(plan).accepted
+    for name in ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n"):
+        array = np.array(getattr(plan, name))
+        array.flat[-1] += 20.0 if name == "forces_n" else 0.01
+        assert not check_leap(replace(plan, **{name: array})).accepted, name
+        bad = check_leap(replace(plan, **{name: array * np.nan}))
+        assert bad.message == f"rejected: {name}: expected finite numbers"
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"order": "best"}, "order: expected one of random, rule, noise, farkas, finder, got 'best'"),
+        ({"share": 0.0}, "share: expected a number above 0, got 0"),
+        ({"solves": 0}, "solves: expected 1 or more, got 0"),
+    ],
+)
+def test_a_finder_refuses_settings_that_are_none(settings, message) -> None:
+    with pytest.raises(InvalidInput) as said:
+        LeapFinder(**settings)
+    assert str(said.value) == message

@@ -1,0 +1,157 @@
+"""The rows of a leap say what cvxpy says, and its dynamics are exact."""
+
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from stancekit.planners.equilibrium.layout import LIFTED, Layout
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.leap.finder import LeapFinder
+from stancekit.planners.leap.numbers import LeapGiven, LeapNumbers, LeapPoint
+from stancekit.planners.leap.program import LITTLE, LeapProgram
+from stancekit.planners.leap.scp import attempt
+from stancekit.planners.leap.terms import PRICES, SPEED_RESERVE
+from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.leap_classes import leap_class
+
+G = 9.81
+
+
+def turned(vector):
+    """[v]×."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def reference(given: LeapGiven) -> cp.Problem:
+    """One step of SCP, row by row, in cvxpy: what ``LeapProgram`` writes as blocks."""
+    its, scaled, at = given.numbers, given.scaled, given.point
+    layout, leap, m = scaled.layout, its.leap, its.intervals
+    stances, limbs, footholds = layout.contacts
+    when = layout.stance_frames[stances] // 2
+    c, r = cp.Variable((2 * m + 1, 3)), cp.Variable((2 * m + 1, 3))
+    v, spun = cp.Variable((m + 1, 3)), cp.Variable((m + 1, 3))
+    weights, f = cp.Variable(len(layout.vertex_footholds), nonneg=True), cp.Variable((len(limbs), 3))
+    own = [np.flatnonzero(layout.vertex_footholds == j) for j in range(layout.footholds)]
+    p = [scaled.vertices[rows].T @ weights[rows] for rows in own]
+    world = [scaled.contact_frames[b] @ f[b] for b in range(len(limbs))]
+    rows = [cp.sum(weights[one]) == 1 for one in own]
+    cost, spin = LITTLE * cp.sum_squares(f), its.spin
+    means = its.means(at.com, at.velocity)
+    total = its.total(at.forces)
+    for k in range(m):
+        dt = its.lasts[k]
+        mine = [b for b in range(len(limbs)) if when[b] == k]
+        push = sum((world[b] for b in mine), np.zeros(3))
+        rows += [v[k + 1] - v[k] == G * dt * (push - np.array([0, 0, 1]))]
+        rows += [c[2 * k + 2] - c[2 * k] == dt / 2 * (v[k] + v[k + 1])]
+        rows += [c[2 * k + 1] == (c[2 * k] + c[2 * k + 2]) / 2 - dt / 8 * (v[k + 1] - v[k])]
+        rows += [r[2 * k + 1] == (r[2 * k] + r[2 * k + 2]) / 2 - dt / 8 * (spin @ (spun[k + 1] - spun[k]))]
+        mean = (c[2 * k] + c[2 * k + 2]) / 2 - dt / 12 * (v[k + 1] - v[k])
+        moment = -turned(means[k]) @ push + turned(total[k]) @ (mean - means[k])
+        for b in mine:
+            moment += turned(at.toes[footholds[b]]) @ world[b]
+            moment -= turned(at.forces[b]) @ (p[footholds[b]] - at.toes[footholds[b]])
+        cost += PRICES["moment"] * cp.norm1(spun[k + 1] - spun[k] - G * dt * moment)
+        sums = at.velocity[k] + at.velocity[k + 1]
+        bend = turned(sums) @ push - turned(total[k]) @ (v[k] + v[k + 1] - sums)
+        turn = spin @ (dt / 2 * (spun[k] + spun[k + 1]) + G * dt**3 / 24 * bend)
+        cost += PRICES["turn"] * cp.norm1(r[2 * k + 2] - r[2 * k] - turn)
+        for b in mine:
+            for node in (k, k + 1):
+                hip = its.hips[limbs[b]]
+                speed = at.velocity[node] + np.cross(spin @ at.momentum[node], hip)
+                now = v[node] - turned(hip) @ (spin @ spun[node])
+                power = at.forces[b] @ now + speed @ world[b] - at.forces[b] @ speed
+                cost += PRICES["power"] * cp.pos(cp.abs(power) - SPEED_RESERVE * its.power[limbs[b]])
+    rows += [c[0] == its.start[0], r[0] == its.start[1], v[0] == its.velocity[0], v[m] == its.velocity[1]]
+    rows += [spun[0] == its.momentum[0], spun[m] == its.momentum[1]]
+    rows += [v[1] == v[0], v[m] == v[m - 1], spun[1] == spun[0], spun[m] == spun[m - 1]]
+    limits = leap.limits
+    rows += [cp.abs(spun[1:m]) <= limits.momentum_m2_s, cp.abs(r[2 * m]) <= limits.goal_tilt_rad]
+    rows += [cp.abs(r) <= scaled.tilt, cp.norm(c[2 * m] - leap.goal.com_m) <= leap.goal_radius_m]
+    rows += [cp.norm(p[j] - at.toes[j]) <= given.toe_radius for j in range(layout.footholds)]
+    for frame, limb, j in zip(*layout.standing, strict=True):
+        shoulder, hip = scaled.shoulders[limb], its.hips[limb]
+        rows += [cp.norm(p[j] - c[frame] - shoulder + turned(shoulder) @ r[frame]) <= scaled.reach[limb]]
+        rows += [c[frame][2] - p[j][2] >= limits.height_m + given.reserve_m]
+        leg = at.com[frame] + hip + np.cross(at.rotation[frame], hip) - at.toes[j]
+        along = leg / np.linalg.norm(leg)
+        length = along @ (c[frame] + hip - p[j]) + np.cross(hip + np.cross(at.rotation[frame], hip), along) @ r[frame]
+        cost += PRICES["fold"] * cp.pos(its.fold[limb] + given.reserve_m - length)
+        if frame % 2 == 0:
+            arm = hip + np.cross(at.rotation[frame], hip)
+            rate = along @ (v[frame // 2] - turned(arm) @ (spin @ spun[frame // 2]))
+            cost += PRICES["speed"] * cp.pos(cp.abs(rate) - SPEED_RESERVE * its.speed[limb])
+    for b in range(len(limbs)):
+        rows += [cp.norm(f[b, 1:]) <= scaled.friction[footholds[b]] * f[b, 0], f[b, 0] <= scaled.force_max[b, 0]]
+    return cp.Problem(cp.Minimize(cost), rows)
+
+
+def given_of(leap: Leap, choice) -> LeapGiven:
+    """A step's problem about the nominal motion."""
+    numbers = LeapNumbers.of(leap)
+    scaled = numbers.scaled.chosen(choice)
+    middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
+    return LeapGiven(scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=0.004)
+
+
+def test_the_rows_of_a_step_have_the_optimum_of_their_cvxpy_reference(leap: Leap, failed) -> None:
+    step = LeapProgram(failed.given.scaled.layout, leap.still).solve(failed.given)
+    problem = reference(failed.given)
+    problem.solve(solver=cp.CLARABEL)
+    assert step.solution.solved
+    assert step.cost > 1e-3  # slack takes part
+    assert step.solution.objective == pytest.approx(problem.value, abs=1e-7, rel=1e-4)
+
+
+def test_steps_of_a_robot_in_boxes_ask_for_its_half_spaces() -> None:
+    leap = leap_class("leap-anymal").draw(np.random.default_rng(0))
+    given = given_of(leap, np.zeros(8, dtype=int))
+    program = LeapProgram(given.scaled.layout, leap.still)
+    standing = len(given.scaled.layout.standing[0])
+    assert len(program.rows.groups["within"]) == len(program.rows.groups["reach_rows"]) == 6 * standing
+
+
+def test_momentum_and_rotation_are_those_of_a_fine_integration(leap: Leap) -> None:
+    numbers, rng = LeapNumbers.of(leap), np.random.default_rng(3)
+    forces = rng.normal(size=(len(numbers.contact_intervals), 3))
+    com, velocity = numbers.ballistic(numbers.total(forces))
+    toes, layout = rng.normal(size=(8, 3)), numbers.layout
+    start = rng.normal(size=(numbers.intervals + 1, 3))
+    point = LeapPoint(
+        com=com, rotation=0 * com, velocity=velocity, momentum=0 * start, toes=toes, forces=forces
+    )
+    change = numbers.turned(point)[0]
+    momentum = np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])
+    turn = numbers.turned(replace(point, momentum=momentum))[1]
+    k, count = 2, 4000
+    own = numbers.contact_intervals == k
+    t = (np.arange(count) + 0.5) * numbers.lasts[k] / count
+    push = G * (forces[own].sum(axis=0) - np.array([0.0, 0.0, 1.0]))
+    path = com[2 * k] + t[:, None] * velocity[k] + 0.5 * t[:, None] ** 2 * push
+    arms = toes[layout.contacts[2][own]] - path[:, None]
+    rate = G * np.cross(arms, forces[own]).sum(axis=1)
+    step = numbers.lasts[k] / count
+    np.testing.assert_allclose(step * rate.sum(axis=0), change[k], rtol=1e-6)
+    along = momentum[k] + step * (np.cumsum(rate, axis=0) - 0.5 * rate)
+    np.testing.assert_allclose(step * along.sum(axis=0) @ numbers.spin.T, turn[k], rtol=1e-5)
+
+
+def test_a_limb_that_is_lifted_stands_on_nothing_and_takes_no_step() -> None:
+    layout = Layout(
+        holds=((0, 1), (0, LIFTED), (2, 3)), stances=((0, (0, 1)), (1, (0,))), corners=((3,), (3,), (3,), (3,))
+    )
+    assert [part.tolist() for part in layout.standing] == [[0, 0, 1, 2, 2], [0, 1, 0, 0, 1], [0, 1, 0, 2, 3]]
+    assert layout.moves.tolist() == [[0, 2]]
+
+
+def test_programs_are_written_once_per_layout(leap: Leap) -> None:
+    programs = Programs()
+    numbers = LeapNumbers.of(leap)
+    for number in range(3):
+        attempt(programs, numbers, np.array([0, 0, 0, 0, number, 1, 2, 3]), steps=1)
+    assert len(programs._kept) == 1
+    assert LeapFinder().order == "finder"
