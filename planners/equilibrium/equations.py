@@ -122,6 +122,10 @@ class Plan:
             "rotation_step": cp.SOC(rotation * ones, cp.diff(self.rotation, axis=0), axis=1),
             "progress": cp.sum(cp.multiply(self.scaled.direction, moved), axis=1) >= self.scaled.progress,
         }
+        if self.layout.linear:
+            slopes, bounds = self.scaled.linear[:, :6], self.scaled.linear[:, 6]
+            along = moved @ slopes[:, :3].T + cp.diff(self.rotation, axis=0) @ slopes[:, 3:].T
+            found["linear_step"] = cp.vec(along, order="C") <= np.tile(bounds, self.layout.frames - 1)
         if moves and self._held is None:
             found["toe_step"] = cp.SOC(toe * np.ones(moves), self.toe_steps, axis=1)
             found |= self.within_relative_reach()

@@ -32,6 +32,7 @@ class Layout:
     holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N); stances: (frame, limbs) of
     each; corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's
     reach has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
+    linear: how many further rows a step of the body has (``problem.limits.LINEAR``).
     relative: (limb, other, how many half-spaces) of every pair of feet whose distance is limited where the limb moves.
     """
 
@@ -41,6 +42,7 @@ class Layout:
     reach_rows: tuple[int, ...] = ()
     points: tuple[int, ...] = ()
     relative: tuple[tuple[int, int, int], ...] = ()
+    linear: int = 0
 
     def __hash__(self) -> int:
         return self._hash

@@ -16,6 +16,7 @@ def multiplier_shapes(layout: Layout) -> dict[str, tuple[int, ...]]:
         "nu_F": stances, "nu_M": stances, "reach": (layout.frames, layout.limbs, 3), "com_step": (steps, 3),
         "rotation_step": (steps, 3), "progress": (steps,), "toe_step": (len(layout.moves), 3),
         "reach_rows": (layout.frames, len(layout.row_limbs)), "relative_reach": (len(layout.relative_rows[0]),),
+        "linear_step": (steps, layout.linear),
     }  # fmt: skip
 
 
@@ -23,7 +24,8 @@ def multipliers(layout: Layout, solution: ConicSolution) -> Array:
     """A leaf's row of a ``Certificate``, in single precision, its largest entry ±1.
 
     ν_F, ν_M of the balances (zero where the program has none), then r of the reach, a, t and g of the steps of c and Θ
-    and the progress, b of the toes' steps, σ of half-spaces of reach and of feet (``verify.certificate``).
+    and the progress, b of the toes' steps, σ of half-spaces of reach and of feet (``verify.certificate``), and
+    those of further rows of the body's steps.
     """
     nothing = np.zeros((len(layout.stances), 3))
     groups = solution.groups
@@ -47,6 +49,9 @@ def multipliers(layout: Layout, solution: ConicSolution) -> Array:
     if not len(apart):  # toes that are held
         apart = np.zeros(len(layout.relative_rows[0]))
     steps = (cone("com_step"), cone("rotation_step"), progress, cone("toe_step"))
-    parts = (force, moment, cone("reach"), *steps, rows, apart)
+    linear = np.zeros((layout.frames - 1) * layout.linear)
+    if "linear_step" in groups:
+        linear = np.maximum(solution.dual("linear_step"), 0.0)
+    parts = (force, moment, cone("reach"), *steps, rows, apart, linear)
     flat = np.concatenate([np.ravel(part) for part in parts])
     return np.asarray((flat / max(float(np.abs(flat).max()), 1e-300)).astype(np.float32).astype(np.float64))

@@ -54,6 +54,7 @@ class Scaled:
     force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
     weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
     of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
+    linear: further rows of a step of the body, see ``StepLimits.linear_rows``.
     weights: of the objective, None for a posture, which has none.
     """
 
@@ -81,6 +82,7 @@ class Scaled:
     half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
     offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
     relative: RelativeHalfSpaces = field(default_factory=RelativeHalfSpaces.none)
+    linear: Array = field(default_factory=lambda: np.zeros((0, 7)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "layout", shared(self.layout))

@@ -69,6 +69,7 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         reach_rows=HalfSpaces.counts(limbs),
         points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
         relative=RelativeHalfSpaces.pairs(course.robot),
+        linear=len(limits.linear_rows(scale)),
     )
     direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
     carrying = len(layout.contact_points)
@@ -97,6 +98,7 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
         offsets=offsets,
         relative=RelativeHalfSpaces.of(course.robot, scale),
+        linear=limits.linear_rows(scale),
     )
 
 

@@ -157,6 +157,8 @@ class Body:
         rows.put(ahead[:, None], self.com[1:], -Of("scaled.direction"))
         rows.put(ahead[:, None], self.com[:-1], Of("scaled.direction"))
         rows.right(ahead, -Of("scaled.progress"))
+        if layout.linear:
+            self._linear_steps()
         if toes is not None and len(layout.moves):
             step = rows.cones("toe_step", len(layout.moves), 4)
             toes.put(step[:, 1:], layout.moves[:, 1], -1.0)
@@ -164,6 +166,17 @@ class Body:
             rows.right(step[:, 0], Of("scaled.steps", 1))
             if len(layout.relative_rows[0]):
                 within_relative_reach(rows, layout, toes.put)
+
+    def _linear_steps(self) -> None:
+        """a·(c[r] − c[r−1], Θ[r] − Θ[r−1]) ≤ b of every further row (``StepLimits.linear_rows``)."""
+        row = np.tile(np.arange(self._layout.linear), self._layout.frames - 1)
+        step = np.repeat(np.arange(self._layout.frames - 1), self._layout.linear)
+        at = self._rows.at_most("linear_step", len(row))
+        for columns, of in ((self.com, [0, 1, 2]), (self.rotation, [3, 4, 5])):
+            slope = Of("scaled.linear", (row[:, None], of))
+            self._rows.put(at[:, None], columns[step + 1], slope)
+            self._rows.put(at[:, None], columns[step], -slope)
+        self._rows.right(at, Of("scaled.linear", (row, 6)))
 
 
 class Forces:

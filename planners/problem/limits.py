@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import check_numbers
+from ..files.arrays import Array, check_numbers
+
+LINEAR: Mapping[str, tuple[str, str, tuple[tuple[float, ...], ...]]] = MappingProxyType({})
+"""Further limits of a step of the body, by the field of ``StepLimits`` that has the limit, None where there is none: a
+name for reports, the unit, and slopes a of (c′ − c, Θ′ − Θ), each of six numbers, with a·step ≤ limit. Planners, their
+reference, the verifier, proofs and explanations read them here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +37,21 @@ class StepLimits:
                 f"steps.progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, "
                 f"got {self.progress_m:g}"
             )
+
+    @property
+    def linear(self) -> dict[str, float]:
+        """The limits of ``LINEAR`` that there are, by field."""
+        return {name: getattr(self, name) for name in LINEAR if getattr(self, name) is not None}
+
+    def linear_rows(self, length_m: float) -> Array:
+        """The rows (a, limit) of these limits, lengths in units of ``length_m``, shape (R, 7)."""
+        rows = list[Array]()
+        for name, limit in self.linear.items():
+            _, unit, slopes = LINEAR[name]
+            one = length_m if unit == "m" else 1.0
+            scales = np.array([length_m] * 3 + [1.0] * 3) / one
+            rows += [np.append(np.array(slope) * scales, limit / one) for slope in slopes]
+        return np.array(rows).reshape(-1, 7)
 
 
 @dataclass(frozen=True, kw_only=True)

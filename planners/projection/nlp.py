@@ -116,6 +116,9 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
     limits = [cs.sumsqr(moved[:, k]) - data["limits"][0] ** 2 for k in range(steps)]
     limits += [cs.sumsqr(turned[:, k]) - data["limits"][2] ** 2 for k in range(steps)]
     limits += [data["progress"][k] - cs.dot(data["direction"][:, k], moved[:, k]) for k in range(steps)]
+    for k in range(steps):
+        step = cs.vertcat(moved[:, k], turned[:, k])
+        limits += [cs.dot(data["linear"][:6, r], step) - data["linear"][6, r] for r in range(layout.linear)]
     limits += [cs.sumsqr(step) - data["limits"][1] ** 2 for step in walked]
     for row, which in enumerate(layout.relative_rows[1].tolist()):
         moved_one, other, _ = layout.relative_pairs[which].tolist()
@@ -147,6 +150,7 @@ def _sizes(layout: Layout) -> dict[str, tuple[int, int]]:
         "offsets": (3, len(layout.contacts[0]) if layout.points else 0),
         "row_normals": (3, len(layout.row_limbs)), "row_bounds": (1, len(layout.row_limbs)),
         "apart_normals": (3, len(layout.relative_rows[0])), "apart_bounds": (1, len(layout.relative_rows[0])),
+        "linear": (7, layout.linear),
     }  # fmt: skip
 
 
@@ -163,7 +167,7 @@ def parameters(scaled: Scaled, start: Array) -> Array:
         scaled.bearing_points(np.zeros((scaled.layout.footholds, 3))).ravel() if scaled.layout.points else [],
         scaled.half_spaces.normals.ravel(), scaled.half_spaces.bounds,
         scaled.relative.normals[scaled.layout.relative_rows[0]].ravel(),
-        scaled.relative.bounds[scaled.layout.relative_rows[0]], start,
+        scaled.relative.bounds[scaled.layout.relative_rows[0]], scaled.linear.ravel(), start,
     ])  # fmt: skip
 
 

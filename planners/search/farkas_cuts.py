@@ -63,7 +63,9 @@ class FarkasCuts:
         across = np.column_stack([nu_M[:, 1], -nu_M[:, 0], 0.0 * nu_M[:, 0]])  # −ν·(c × e_z) = (−e_z × ν)·c
         np.add.at(pull, layout.stance_frames, scaled.weight * across)
         step = parts["com_step"] - parts["progress"][:, None] * scaled.direction
-        for slope, change in ((pull, step), (twist, parts["rotation_step"])):
+        linear = parts["linear_step"] @ scaled.linear[:, :6]
+        step, turn = step + linear[:, :3], parts["rotation_step"] + linear[:, 3:]
+        for slope, change in ((pull, step), (twist, turn)):
             slope[1:] += change
             slope[:-1] -= change
         com_step, toe_step, rotation_step = scaled.steps
@@ -80,6 +82,7 @@ class FarkasCuts:
             - toe_step * norm(parts["toe_step"], axis=1).sum()
             - parts["relative_reach"] @ scaled.relative.bounds[layout.relative_rows[0]]
             + parts["progress"] @ scaled.progress
+            - np.sum(parts["linear_step"] @ scaled.linear[:, 6])
         )
 
     def _pulls(self, parts: dict[str, Array]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from ..answer.outcome import Certificate
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
+from ..problem.limits import LINEAR
 from .certificate import GAP, check_certificate, forest_of
 from .geometry import length
 from .lagrangian import Leaves, Numbers, body_pulls, leaf_bounds, least_lagrangians
@@ -224,6 +225,7 @@ def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, val
         (float(length(m.rotation_step).sum()), "steps.rotation_rad", steps.rotation_rad, 1.0, "rad"),
         (float(pull[worst]), f"com_radius_m at frame {worst}", float(course.com_radius_m[worst]), unit_m, "m"),
         (float(m.progress.sum()), "steps.progress_m", steps.progress_m, unit_m, "m"),
+        *_linear(course, m),
     )
     found = []
     for size, name, now, scale, unit in rows:
@@ -232,6 +234,15 @@ def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, val
         if by <= (now if falls else MOST_LENGTH):
             found.append(Relaxation(parameter=name, leg="", now=now, needed=now - by if falls else now + by, unit=unit))
     return found
+
+
+def _linear(course: Course, m: Multipliers) -> Iterator[tuple[float, str, float, float, str]]:
+    """(pull, name, limit, scale, unit) of further limits of the body's steps."""
+    rows = np.repeat(list(course.steps.linear), [len(LINEAR[name][2]) for name in course.steps.linear])
+    for name, limit in course.steps.linear.items():
+        unit = LINEAR[name][1]
+        pull = float(m.linear_step[0][:, rows == name].sum())
+        yield pull, f"steps.{name}", limit, course.length_scale_m if unit == "m" else 1.0, unit
 
 
 def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:

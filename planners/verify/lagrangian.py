@@ -12,7 +12,8 @@ balances of moments, whose largest component is off by ε, has
       + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q' − q) − Δ_p‖b‖
       ≤  Σ_stances ‖ν_M‖₁ ε.
 
-Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) − b), σ ≥ 0.
+Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) − b), σ ≥ 0, further
+rows of the body's steps Σ σ (a·(c' − c, Θ' − Θ) − b), σ ≥ 0.
 
 (The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) Where the
 least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a ball for each c, a box for each Θ, and for
@@ -82,6 +83,7 @@ class Numbers:
     offsets: Array | None = None  # (Q, T, points, 3), from the toe to where a sole's forces act
     apart_normals: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of ``half_spaces.relative_rows``
     apart_bounds: Array = field(default_factory=lambda: np.zeros(0))
+    linear: Array = field(default_factory=lambda: np.zeros((0, 7)))  # of ``StepLimits.linear_rows``
 
     @cached_property
     def first_candidate(self) -> Index:
@@ -189,6 +191,13 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
         terms += used[:, 1] * 2.0 * (tilt + SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
         value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
+    if who.linear:
+        used, size = m.linear_step.sum(axis=1), np.abs(numbers.linear)  # (L, R)
+        value -= used @ numbers.linear[:, 6]  # a·(c' − c, Θ' − Θ) ≤ b
+        loose += used.sum(axis=1)
+        terms += used @ (size[:, 6] + 2.0 * length(size[:, 3:6]) * (1.0 + SLACK))
+        terms += (used @ length(size[:, :3])) * 2.0 * far_com.max(axis=1)
+        value = np.where((m.linear_step < 0.0).any(axis=(1, 2)), -np.inf, value)
     if len(who.apart):
         value -= m.relative_reach @ numbers.apart_bounds  # a·(q' − q) ≤ b
         used = m.relative_reach.sum(axis=1)
@@ -273,6 +282,10 @@ def body_pulls(numbers: Numbers, problem: Index, pulls: Array, m: Multipliers) -
     pull[:, :-1] -= step
     twist[:, 1:] += m.rotation_step
     twist[:, :-1] -= m.rotation_step
+    if who.linear:
+        for slopes, change in ((pull, numbers.linear[:, :3]), (twist, numbers.linear[:, 3:6])):
+            slopes[:, 1:] += m.linear_step @ change
+            slopes[:, :-1] -= m.linear_step @ change
     return pull, twist
 
 

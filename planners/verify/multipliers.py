@@ -23,6 +23,7 @@ class Multipliers:
     toe_step: Array  # (L, moves, 3)
     reach_rows: Array  # (L, M, H)
     relative_reach: Array  # (L, rows of ``relative_rows``)
+    linear_step: Array  # (L, M − 1, rows of ``StepLimits.linear_rows``)
 
     @classmethod
     def of(cls, who: Schedule, rows: Array) -> Multipliers:
@@ -46,6 +47,7 @@ def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
         "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
         "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (len(who.moves), 3),
         "reach_rows": (frames, len(who.row_limb)), "relative_reach": (len(who.apart),),
+        "linear_step": (frames - 1, who.linear),
     }  # fmt: skip
 
 

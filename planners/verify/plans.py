@@ -22,6 +22,7 @@ import numpy as np
 from ..answer.plan import Plan
 from ..answer.report import PLAN_GROUPS, WHOLE_BODY, Group, Report
 from ..files.arrays import Array
+from ..problem.limits import LINEAR
 from ..terrain.patch import Patch
 from .defects import plan_defect
 from .further_groups import further_groups
@@ -270,7 +271,13 @@ class _Sweep:
         if not len(later):
             return
         self._note("com_step", length(step) - limits.com_m, later)
-        self._note("rotation_step", length(np.diff(plan.rotation_rad, axis=0)) - limits.rotation_rad, later)
+        turn = np.diff(plan.rotation_rad, axis=0)
+        self._note("rotation_step", length(turn) - limits.rotation_rad, later)
+        for field, limit in limits.linear.items():
+            name, unit, slopes = LINEAR[field]
+            along = np.concatenate([step, turn], axis=1) @ np.array(slopes).T
+            self._found[name] = self._group(name, 0.0, unit=unit)
+            self._note(name, (along - limit).max(axis=1), later)
         feet, normals, bounds = relative_rows(course.robot, holds)
         apart = np.vecdot(normals, plan.toes_m[feet[:, 1]] - plan.toes_m[feet[:, 0]]) - bounds
         of = [course.footholds[p] for p in feet[:, 0]]
@@ -291,13 +298,16 @@ class _Sweep:
             return
         at = int(values.argmax())
         name = "" if limb is None else self._names[int(limb[at])]
-        found = self._group(group, float(values[at]), name, int(frame[at]))
+        unit = self._found[group].unit
+        found = self._group(group, float(values[at]), name, int(frame[at]), unit=unit)
         if found.worst > self._found[group].worst:
             self._found[group] = found
 
-    def _group(self, name: str, value: float, limb: str = "", frame: int | None = None) -> Group:
+    def _group(
+        self, name: str, value: float, limb: str = "", frame: int | None = None, *, unit: str = ""
+    ) -> Group:
         """A group of what couples frames."""
-        unit = PLAN_GROUPS[name]
+        unit = PLAN_GROUPS.get(name, unit)
         return violation(name, value, self._units[unit], self._tolerance, unit=unit, limb=limb, when=frame)
 
     def _linearisation(self) -> tuple[float, float]:

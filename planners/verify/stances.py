@@ -42,6 +42,7 @@ class Schedule:
     point: Index  # (B,), of its foot
     row_limb: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (H,), of each half-space of reach
     apart: Index = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))  # (L, 2): ``relative_rows``
+    linear: int = 0  # further rows of a step of the body
 
     @cached_arrays
     def foothold(self) -> Index:
@@ -117,6 +118,7 @@ class Schedule:
             point=point,
             row_limb=np.repeat(np.arange(len(names)), row_counts(course.robot.limbs)),
             apart=relative_rows(course.robot, holds)[0],
+            linear=len(course.steps.linear_rows(1.0)),
         )
 
 

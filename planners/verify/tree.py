@@ -77,6 +77,7 @@ class Forest:
             offsets=_offsets(course) / length if course.has_soles else None,
             apart_normals=apart[1],
             apart_bounds=apart[2] / length,
+            linear=steps.linear_rows(length),
         )
         return Forest(numbers, [vertices / length for vertices in points])
 

@@ -115,6 +115,6 @@ def test_the_groups_of_a_row_are_those_of_the_certificate(climb):
     assert shapes == {
         "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
         "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (moves, 3),
-        "reach_rows": (frames, 0), "relative_reach": (0,),
+        "reach_rows": (frames, 0), "relative_reach": (0,), "linear_step": (frames - 1, 0),
     }  # fmt: skip
     np.testing.assert_array_equal(np.concatenate([part.ravel() for part in parts.values()]), np.arange(count))
