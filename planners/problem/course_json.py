@@ -56,7 +56,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
         "next_lift": list(course.next_lift),
         **{name: getattr(course, name).tolist() for name in _ARRAYS},
         **{name: getattr(course, name) for name in _NUMBERS},
-        "steps": {name: getattr(course.steps, name) for name in _StepsJson.model_fields},
+        "steps": {name: value for name, value in vars(course.steps).items() if value is not None},
         "weights": {
             name: getattr(course.weights, name)
             for name in _WeightsJson.model_fields
@@ -218,6 +218,7 @@ class _StepsJson(_Keys):
     toe_m: float
     rotation_rad: float
     progress_m: float
+    yaw_rad: float | None = None  # older files have none
 
 
 class _WeightsJson(_Keys):

@@ -163,6 +163,7 @@ class StepSpec(_Keys):
     toe_m: Positive = 0.30
     rotation_rad: Least = 0.15
     progress_m: Least = 0.0
+    yaw_rad: Least | None = None
 
     @model_validator(mode="after")
     def _agree(self) -> StepSpec:

@@ -11,7 +11,9 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, check_numbers
 
-LINEAR: Mapping[str, tuple[str, str, tuple[tuple[float, ...], ...]]] = MappingProxyType({})
+LINEAR: Mapping[str, tuple[str, str, tuple[tuple[float, ...], ...]]] = MappingProxyType(
+    {"yaw_rad": ("yaw_step", "rad", ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)))}
+)
 """Further limits of a step of the body, by the field of ``StepLimits`` that has the limit, None where there is none: a
 name for reports, the unit, and slopes a of (c′ − c, Θ′ − Θ), each of six numbers, with a·step ≤ limit. Planners, their
 reference, the verifier, proofs and explanations read them here."""
@@ -23,15 +25,17 @@ class StepLimits:
 
     com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's least step is not
     convex; in its place the COM moves at least this far along the straight line of its nominal path, where that moves.
+    yaw_rad: largest turn about the vertical, |Θ_z' − Θ_z|; None for no such limit.
     """
 
     com_m: float = 0.15
     toe_m: float = 0.30
     rotation_rad: float = 0.15
     progress_m: float = 0.0
+    yaw_rad: float | None = None
 
     def __post_init__(self) -> None:
-        check_numbers(self, "steps.", above=("com_m", "toe_m"), least=("rotation_rad", "progress_m"))
+        check_numbers(self, "steps.", above=("com_m", "toe_m"), least=("rotation_rad", "progress_m", *LINEAR))
         if self.progress_m > self.com_m:
             raise InvalidInput(
                 f"steps.progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, "
