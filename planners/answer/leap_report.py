@@ -16,10 +16,16 @@ TOLERANCE = 1e-3
 class LeapReport:
     """The verifier's word on one leap.
 
-    accepted: the worst violation is at most the tolerance. worst: non-dimensional. groups: the worst of each group,
-    ``frame`` its interval. momentum_error: the largest distance of a claimed L from the one that was integrated, in
-    units of the limit of L. defect: why there was nothing to check; empty when there was.
-
+    Arguments:
+        accepted: the worst violation is at most the tolerance.
+        worst: largest non-dimensional violation of all groups.
+        groups: the worst violation of each group; ``frame`` is its interval.
+        plan: what was judged.
+        tolerance: largest violation that is accepted.
+        momentum_error: largest distance of a claimed L from the one that was integrated, in units of the limit of L.
+        defect: why there was nothing to check; empty when there was.
+    Source:
+        Newton and Euler for one rigid body; docs/concepts/leaps.md.
     Example:
         >>> import stancekit
         >>> from stancekit.planners.problem.leap_json import leap_from_keys
