@@ -338,7 +338,7 @@ def solved_and_cut(options: argparse.Namespace, programs: Programs) -> list[Leap
                     plans.append(plan)
         numbers = search.last.numbers
         rng = np.random.default_rng([options.seed, 2, index])
-        for _ in range(20 if solved else 0):  # cuts of random choices, which fail more often
+        for _ in range(60 if solved else 0):  # cuts of random choices, which fail more often
             tried = attempt(programs, numbers, np.array([rng.integers(len(w)) for w in numbers.scaled.which]))
             if tried.refuted:
                 rows.append(ray(numbers, tried.solution))

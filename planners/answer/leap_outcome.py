@@ -25,6 +25,8 @@ class LeapOutcome:
         tries: choices of contacts that were tried; solves: convex problems; seconds: wall clock [s].
         message: why it is undecided.
         details: further numbers of the method.
+    Source:
+        Newton and Euler for one rigid body; docs/concepts/leaps.md.
     Example:
         >>> import stancekit
         >>> from stancekit.planners.problem.leap_json import leap_from_keys

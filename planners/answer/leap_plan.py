@@ -31,6 +31,8 @@ class LeapPlan:
         com_m, velocity_m_s, momentum_m2_s, rotation_rad: c, v, L per mass and Θ at the ends of the intervals, which
             follow from the forces; shape (M + 1, 3) each.
         provenance: what made it, names to texts or numbers.
+    Source:
+        Newton and Euler for one rigid body; docs/concepts/leaps.md.
     Example:
         >>> import numpy as np, stancekit
         >>> from stancekit.planners.problem.leap_json import leap_from_keys

@@ -19,7 +19,6 @@ from ..physics import GRAVITY_M_S2
 from ..robot.reach import turned_most
 from .numbers import LeapNumbers
 from .scp import HEIGHT_RESERVE_M, LEAST_FRICTION, REACH_RESERVE_M, TILT_RESERVE_RAD, Attempt
-from .terms import legs_of
 
 MARGIN = 1e-6
 """A sum above this, for multipliers of at most 1, is refused by no rounding."""
@@ -112,7 +111,7 @@ def guide(numbers: LeapNumbers, found: Attempt) -> Cut:
     solution, layout, given, lasts = found.solution, numbers.layout, found.given, numbers.lasts[:, None]
     pulls = _toe_pulls(numbers, _multipliers(numbers, solution))
     foothold = layout.standing[2]
-    np.add.at(pulls, foothold, solution.dual("short")[:, None] * legs_of(given)[0])
+    np.add.at(pulls, foothold, solution.dual("short")[:, None] * given.legs[0])
     if "within" in solution.groups:
         which, half = layout.standing_rows
         normals = numbers.scaled.half_spaces.normals[half]

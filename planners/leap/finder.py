@@ -46,6 +46,8 @@ class LeapFinder:
         seed: of noise and of random choices.
     Raises:
         InvalidInput: for another order, and numbers out of range.
+    Source:
+        Newton and Euler for one rigid body; docs/concepts/leaps.md.
     Example:
         >>> import stancekit
         >>> from stancekit.planners.problem.leap_json import leap_from_keys

@@ -15,7 +15,7 @@ from ..equilibrium.half_spaces import HalfSpaces
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import Given
-from ..files.arrays import Array
+from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
 from ..robot.model import LegLimits
@@ -184,9 +184,9 @@ class LeapNumbers:
         """
         means = self.means(point.com, point.velocity)
         arms = point.toes[self.layout.contacts[2]] - means[self.contact_intervals]
-        change = GRAVITY_M_S2 * self.lasts[:, None] * self.total(np.cross(arms, point.forces))
+        change = GRAVITY_M_S2 * self.lasts[:, None] * self.total(cross(arms, point.forces))
         sums = point.velocity[1:] + point.velocity[:-1]
-        bend = self.lasts[:, None] ** 3 * GRAVITY_M_S2 / 24.0 * np.cross(sums, self.total(point.forces))
+        bend = self.lasts[:, None] ** 3 * GRAVITY_M_S2 / 24.0 * cross(sums, self.total(point.forces))
         mean = 0.5 * self.lasts[:, None] * (point.momentum[1:] + point.momentum[:-1])
         return change, (mean + bend) @ self.spin.T
 
@@ -214,6 +214,46 @@ class LeapGiven(Given):
         """``at``, which is there."""
         assert self.at is not None
         return self.at
+
+    @cached_property
+    def legs(self) -> tuple[Array, Array, Array]:
+        """ê, J⁻ᵀ(h × ê) and h × ê of every limb that stands at a frame, of the point; h the turned hip; (T, 3) each."""
+        frame, limb, foothold = self.scaled.layout.standing
+        hips = self.numbers.hips[limb]
+        hips = hips + cross(self.point.rotation[frame], hips)
+        leg = self.point.com[frame] + hips - self.point.toes[foothold]
+        along = leg / np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
+        turn = cross(hips, along)
+        return along, turn @ self.numbers.spin, turn
+
+    @cached_property
+    def hip_velocities(self) -> Array:
+        """v + ω × h at both ends of the interval of every stance contact, first ends first, shape (2B, 3)."""
+        limb, at = self.scaled.layout.contacts[1], self.numbers.contact_intervals
+        node = np.concatenate([at, at + 1])
+        spin = self.point.momentum[node] @ self.numbers.spin.T
+        hips = self.numbers.hips[np.concatenate([limb, limb])]
+        return np.asarray(self.point.velocity[node] + cross(spin, hips))
+
+    @cached_property
+    def powers(self) -> tuple[Array, Array, Array, Array]:
+        """f̂ in the world, J⁻ᵀ(h × f̂), Rᵀ v̂ in contact frames, and f̂·v̂, at both ends of every contact's interval."""
+        limb = self.scaled.layout.contacts[1]
+        forces = np.concatenate([self.point.forces] * 2)
+        hips = self.numbers.hips[np.concatenate([limb, limb])]
+        frames = np.concatenate([self.scaled.contact_frames] * 2)
+        turned = np.matmul(frames.transpose(0, 2, 1), self.hip_velocities[..., None])[..., 0]
+        power = np.sum(forces * self.hip_velocities, axis=1)
+        return forces, cross(hips, forces) @ self.numbers.spin, turned, power
+
+    @cached_property
+    def planes(self) -> tuple[Array, Array, Array]:
+        """a + Θ̂ × a, a × d̂, and Θ̂·(a × d̂), d̂ = p̂ − ĉ, of every half-space that holds somewhere."""
+        (frame, _, foothold), (which, half) = self.scaled.layout.standing, self.scaled.layout.standing_rows
+        point, normals = self.point, self.scaled.half_spaces.normals[half]
+        turn = point.rotation[frame][which]
+        lever = cross(normals, (point.toes[foothold] - point.com[frame])[which])
+        return normals + cross(turn, normals), lever, np.sum(turn * lever, axis=1)
 
 
 def _scaled(leap: Leap) -> Scaled:

@@ -11,10 +11,10 @@ from ..cached import cached_property
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
-from ..files.arrays import Array
+from ..files.arrays import Array, cross
 from .numbers import FREE_M, LeapGiven, LeapNumbers, LeapPoint
 from .program import LeapProgram
-from .terms import PRICES, SPEED_RESERVE, hip_velocities
+from .terms import PRICES, SPEED_RESERVE
 
 STEPS = 10
 STOP = 0.05
@@ -136,15 +136,15 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
     numbers, point, layout = given.numbers, given.point, given.scaled.layout
     frame, limb, foothold = layout.standing
     hips = numbers.hips[limb]
-    hips = hips + np.cross(point.rotation[frame], hips)
+    hips = hips + cross(point.rotation[frame], hips)
     leg = point.com[frame] + hips - point.toes[foothold]
     length = np.linalg.norm(leg, axis=1)
     own = np.flatnonzero(frame % 2 == 0)
     spin = point.momentum[frame[own] // 2] @ numbers.spin.T
-    moves = point.velocity[frame[own] // 2] + np.cross(spin, hips[own])
+    moves = point.velocity[frame[own] // 2] + cross(spin, hips[own])
     rate = np.abs(np.sum(moves * leg[own], axis=1)) / length[own]
     contact_limbs = np.concatenate([layout.contacts[1]] * 2)
-    power = np.abs(np.sum(np.concatenate([point.forces] * 2) * hip_velocities(given), axis=1))
+    power = np.abs(np.sum(np.concatenate([point.forces] * 2) * given.hip_velocities, axis=1))
     found = {
         "speed": rate - SPEED_RESERVE * numbers.speed[limb[own]],
         "power": power - SPEED_RESERVE * numbers.power[contact_limbs],
@@ -154,7 +154,7 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
         which, half = layout.standing_rows
         spaces = given.scaled.half_spaces
         normals = spaces.normals[half]
-        turned = normals + np.cross(point.rotation[frame[which]], normals)
+        turned = normals + cross(point.rotation[frame[which]], normals)
         away = (point.toes[foothold] - point.com[frame])[which]
         found["inside"] = np.sum(turned * away, axis=1) - spaces.bounds[half] + given.reserve_m
     return found

@@ -180,8 +180,8 @@ class Legs:
         slack = _one_slack(rows, "speed", len(own))
         for name, sign in (("extends", 1.0), ("folds", -1.0)):
             row = rows.at_most(name, len(own))
-            rows.put(row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: legs_of(d)[0][own]))
-            rows.put(row[:, None], momentum[node], _signed(sign, lambda d: legs_of(d)[1][own]))
+            rows.put(row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: d.legs[0][own]))
+            rows.put(row[:, None], momentum[node], _signed(sign, lambda d: d.legs[1][own]))
             rows.put(row, slack, -1.0)
             rows.right(row, lambda d: SPEED_RESERVE * d.numbers.speed[limb[own]])
 
@@ -190,13 +190,13 @@ class Legs:
         rows, (frame, limb, foothold) = self._rows, self._layout.standing
         slack, row = _one_slack(rows, "fold", len(frame)), rows.at_most("short", len(frame))
         assert self._toes.points is not None
-        rows.put(row[:, None], self._body.com[frame], lambda d: -legs_of(d)[0])
-        rows.put(row[:, None], self._body.rotation[frame], lambda d: -legs_of(d)[2])
-        rows.put(row[:, None], self._toes.points[foothold], lambda d: legs_of(d)[0])
+        rows.put(row[:, None], self._body.com[frame], lambda d: -d.legs[0])
+        rows.put(row[:, None], self._body.rotation[frame], lambda d: -d.legs[2])
+        rows.put(row[:, None], self._toes.points[foothold], lambda d: d.legs[0])
         rows.put(row, slack, -1.0)
         rows.right(
             row,
-            lambda d: np.sum(legs_of(d)[0] * d.numbers.hips[limb], axis=1) - d.numbers.fold[limb] - d.reserve_m,
+            lambda d: np.sum(d.legs[0] * d.numbers.hips[limb], axis=1) - d.numbers.fold[limb] - d.reserve_m,
         )
 
     def power(self, forces: Forces, momentum: Index) -> None:
@@ -208,9 +208,9 @@ class Legs:
         columns, limb = np.concatenate([forces.columns, forces.columns]), np.concatenate([limb, limb])
         for name, sign in (("drives", 1.0), ("brakes", -1.0)):
             row = rows.at_most(name, len(node))
-            rows.put(row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: powers_of(d)[0]))
-            rows.put(row[:, None], momentum[node], _signed(sign, lambda d: powers_of(d)[1]))
-            rows.put(row[:, None], columns, _signed(sign, lambda d: powers_of(d)[2]))
+            rows.put(row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: d.powers[0]))
+            rows.put(row[:, None], momentum[node], _signed(sign, lambda d: d.powers[1]))
+            rows.put(row[:, None], columns, _signed(sign, lambda d: d.powers[2]))
             rows.put(row, slack, -1.0)
             rows.right(row, _powers_left(sign, limb))
 
@@ -220,11 +220,11 @@ class Legs:
         (frame, _, foothold), (which, half) = layout.standing, layout.standing_rows
         slack, row = _one_slack(rows, "inside", len(half)), rows.at_most("within", len(half))
         assert self._toes.points is not None
-        rows.put(row[:, None], self._toes.points[foothold[which]], lambda d: _normals(d)[0])
-        rows.put(row[:, None], self._body.com[frame[which]], lambda d: -_normals(d)[0])
-        rows.put(row[:, None], self._body.rotation[frame[which]], lambda d: _normals(d)[1])
+        rows.put(row[:, None], self._toes.points[foothold[which]], lambda d: d.planes[0])
+        rows.put(row[:, None], self._body.com[frame[which]], lambda d: -d.planes[0])
+        rows.put(row[:, None], self._body.rotation[frame[which]], lambda d: d.planes[1])
         rows.put(row, slack, -1.0)
-        rows.right(row, lambda d: d.scaled.half_spaces.bounds[half] - d.reserve_m + _normals(d)[2])
+        rows.right(row, lambda d: d.scaled.half_spaces.bounds[half] - d.reserve_m + d.planes[2])
 
 
 def trust(rows: Rows[LeapGiven], layout: Layout, toes: FreeToes) -> None:
@@ -248,47 +248,6 @@ def still_moments(rows: Rows[LeapGiven], layout: Layout, body: Body, forces: For
         rows.put(row[1], com[0], 1.0)
 
 
-def legs_of(given: LeapGiven) -> tuple[Array, Array, Array]:
-    """ê, J⁻ᵀ(h × ê) and h × ê of every limb that stands at a frame, of the point; h the turned hip; (T, 3) each."""
-    frame, limb, foothold = given.scaled.layout.standing
-    point, hips = given.point, given.numbers.hips[limb]
-    hips = hips + np.cross(point.rotation[frame], hips)
-    leg = point.com[frame] + hips - point.toes[foothold]
-    along = leg / np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
-    turn = np.cross(hips, along)
-    return along, turn @ given.numbers.spin, turn
-
-
-def hip_velocities(given: LeapGiven) -> Array:
-    """v + ω × h at both ends of the interval of every stance contact, first ends first, shape (2B, 3)."""
-    limb, at = given.scaled.layout.contacts[1], given.numbers.contact_intervals
-    node = np.concatenate([at, at + 1])
-    spin = given.point.momentum[node] @ given.numbers.spin.T
-    hips = given.numbers.hips[np.concatenate([limb, limb])]
-    return np.asarray(given.point.velocity[node] + np.cross(spin, hips))
-
-
-def powers_of(given: LeapGiven) -> tuple[Array, Array, Array, Array]:
-    """f̂ in the world, J⁻ᵀ(h × f̂), Rᵀ v̂ in contact frames, and f̂·v̂, at both ends of every contact's interval."""
-    limb = given.scaled.layout.contacts[1]
-    forces = np.concatenate([given.point.forces] * 2)
-    hips = given.numbers.hips[np.concatenate([limb, limb])]
-    velocities = hip_velocities(given)
-    frames = np.concatenate([given.scaled.contact_frames] * 2)
-    turned = np.matmul(frames.transpose(0, 2, 1), velocities[..., None])[..., 0]
-    return forces, np.cross(hips, forces) @ given.numbers.spin, turned, np.sum(forces * velocities, axis=1)
-
-
-def _normals(given: LeapGiven) -> tuple[Array, Array, Array]:
-    """a + Θ̂ × a, a × d̂, and Θ̂·(a × d̂), d̂ = p̂ − ĉ, of every half-space that holds somewhere."""
-    (frame, _, foothold), (which, half) = given.scaled.layout.standing, given.scaled.layout.standing_rows
-    point, normals = given.point, given.scaled.half_spaces.normals[half]
-    turn = point.rotation[frame][which]
-    away = (point.toes[foothold] - point.com[frame])[which]
-    lever = np.cross(normals, away)
-    return normals + np.cross(turn, normals), lever, np.sum(turn * lever, axis=1)
-
-
 def _signed(sign: float, fill: Callable[[LeapGiven], Array]) -> Callable[[LeapGiven], Array]:
     """A number times what a function gives."""
     return lambda d: sign * fill(d)
@@ -296,7 +255,7 @@ def _signed(sign: float, fill: Callable[[LeapGiven], Array]) -> Callable[[LeapGi
 
 def _powers_left(sign: float, limb: Index) -> Callable[[LeapGiven], Array]:
     """Largest power and ± f̂·v̂, at both ends of every contact's interval."""
-    return lambda d: SPEED_RESERVE * d.numbers.power[limb] + sign * powers_of(d)[3]
+    return lambda d: SPEED_RESERVE * d.numbers.power[limb] + sign * d.powers[3]
 
 
 def _pushed(forces: Forces, layout: Layout) -> Callable[[LeapGiven], Array]:

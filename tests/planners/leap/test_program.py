@@ -121,9 +121,7 @@ def test_momentum_and_rotation_are_those_of_a_fine_integration(leap: Leap) -> No
     com, velocity = numbers.ballistic(numbers.total(forces))
     toes, layout = rng.normal(size=(8, 3)), numbers.layout
     start = rng.normal(size=(numbers.intervals + 1, 3))
-    point = LeapPoint(
-        com=com, rotation=0 * com, velocity=velocity, momentum=0 * start, toes=toes, forces=forces
-    )
+    point = LeapPoint(com=com, rotation=0 * com, velocity=velocity, momentum=0 * start, toes=toes, forces=forces)
     change = numbers.turned(point)[0]
     momentum = np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])
     turn = numbers.turned(replace(point, momentum=momentum))[1]

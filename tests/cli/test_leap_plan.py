@@ -1,0 +1,91 @@
+"""`stancekit plan` and `stancekit verify` over files of leaps."""
+
+import json
+
+import pytest
+
+from stancekit.planners.problem.leap_json import leap_from_keys, leap_to_json
+
+ORDERS = "random, rule, noise, farkas, finder"
+
+
+@pytest.fixture
+def drawn(tmp_path):
+    """A file of a leap that is drawn."""
+
+    def write(distribution, seed):
+        path = tmp_path / f"{distribution}-{seed}.yaml"
+        path.write_text(f"distribution: {distribution}\nseed: {seed}\n")
+        return path
+
+    return write
+
+
+def test_a_leap_is_planned_written_and_verified(stancekit, drawn):
+    ran = stancekit("plan", drawn("leap-given", 0), "--out", "leap.json", "--json")
+    assert (ran.code, ran.records[0]["status"], ran.records[0]["verdict"]["accepted"]) == (0, "feasible", True)
+    again = stancekit("verify", "leap.json")
+    assert (again.code, "accepted" in again.out) == (0, True)
+    with open("leap.json") as file:
+        forged = json.load(file)
+    forged["plan"]["toes_m"][0][2] += 0.01
+    with open("forged.json", "w") as file:
+        json.dump(forged, file)
+    refused = stancekit("verify", "forged.json", "--json")
+    assert (refused.code, refused.records[0]["verdict"]) == (1, "refused")
+
+
+def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
+    ran = next(
+        ran for seed in range(20)
+        if (ran := stancekit("plan", drawn("leap-few", seed), "--proof", "none.json", "--json")).records[0]["status"]
+        == "infeasible"
+    )  # fmt: skip
+    assert ran.code == 1
+    assert "needed" in ran.records[0]["message"]
+    again = stancekit("verify", "none.json", "--explain")
+    assert (again.code, "refuted at all leaves" in again.out, "needed" in again.out) == (0, True, True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--frames", "3"], "--frames: expected none with a leap, got 3"),
+        (
+            ["--planner", "exact"],
+            f"--planner: expected one of {ORDERS} with a leap, got exact",
+        ),
+        (["--out", "leap.npz"], "leap.npz: expected a file whose name ends with .json"),
+    ],
+)
+def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message):
+    ran = stancekit("plan", drawn("leap-given", 0), *arguments)
+    assert (ran.code, ran.err) == (2, f"stancekit: error: {message}\n")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"timings_s": [[0.3]]}, "leap leap-0: timings_s[0]: expected 3 durations, one per phase, got 1"),
+        (
+            {"duration_s": 2.0},
+            "timings_s[0]: expected durations that add up to duration_s, 2 s, got 0.96 s",
+        ),
+        ({"footholds": []}, "leap leap-0: footholds: expected one of LF in phase 0, where it begins to stand"),
+        ({"distribution": "none"}, "distribution: expected one of leap, leap-few, leap-given, leap-go1, leap-anymal"),
+    ],
+)
+def test_a_bad_leap_is_one_line_and_exit_code_2(stancekit, tmp_path, change, message):
+    keys = leap_to_json(leap_from_keys({"distribution": "leap", "seed": 0}, "x"))
+    content = change if "distribution" in change else {**keys, **change}
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(content))
+    ran = stancekit("plan", path)
+    assert ran.code == 2
+    assert message in " ".join(ran.err.split())
+    assert ran.err.count("\n") == 1
+
+
+def test_a_question_alone_is_nothing_to_verify(stancekit, drawn):
+    ran = stancekit("verify", drawn("leap", 0))
+    assert (ran.code, "expected a leap with a plan or a certificate, got the question alone" in ran.err) == (2, True)
