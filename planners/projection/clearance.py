@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
-from scipy.spatial.transform import Rotation
 
 from ..answer.plan import Plan
 from ..equilibrium.gather import Fill
@@ -33,6 +32,7 @@ from ..robot.bodies import TOUCH_M, Bodies
 from ..robot.kinematics import Kinematics
 from ..robot.leg_slopes import turning
 from ..robot.overlaps import Near
+from ..robot.rotation import rotations_of
 from ..terrain.obstacles import Obstacles
 
 T = TypeVar("T")
@@ -84,10 +84,11 @@ class PathClearance:
         too."""
         path = JointPath(PlanPath(plan), self._solver)
         moments, postures = _with_keys(path.path, *path.judged())
+        bodies = path_bodies(path.path, moments, postures)
         found = [
             (overlap.depth_m, overlap.depth_m + (ROOM_M if overlap.other in self._bodies.links else -TOUCH_M))
-            for _, body in self._in_time(path_bodies(path.path, moments, postures))
-            for overlap in self._bodies.overlaps(body, links_m=-ROOM_M)
+            for _, block in self._in_time(self._bodies.sweep(bodies, links_m=-ROOM_M, between=False))
+            for _, overlap in block
         ]
         stray = float(postures.error_m.max())
         found.append((TOUCH_M + stray, stray) if stray > STRAY_M else (0.0, 0.0))
@@ -105,11 +106,10 @@ class PathClearance:
         nearest, and wherever it is too near."""
         path = JointPath(PlanPath(plan), self._solver, apart_m)
         moments, postures = _with_keys(path.path, *path.judged(turn_rad=np.inf))
-        near = list[tuple[int, Near]]()
-        for t, (_, body) in enumerate(self._in_time(path_bodies(path.path, moments, postures))):
-            loose = replace(body, stands=np.ones_like(body.stands))  # feet lift off what they stand on
-            near += [(t, each) for each in self._bodies.near(loose, clearance_m + NEAR_M)]
-        near = _nearest(near, clearance_m)
+        check_time(self._deadline)
+        bodies = path_bodies(path.path, moments, postures)
+        loose = replace(bodies, stands=np.ones_like(bodies.stands))  # feet lift off what they stand on
+        near = _nearest(self._bodies.near(loose, clearance_m + NEAR_M), clearance_m)
         mounts = [self._solver.model.mounts[link] for link in self._bodies.links]
         carriers = np.array([(-1 if of.leg is None else of.leg, of.joint) for of in mounts] + [(-2, 0)])
         slopes, times = _Slopes(path, self._solver, moments, postures), np.array([t for t, _ in near], dtype=int)
@@ -171,7 +171,7 @@ def _with_keys(path: PlanPath, moments: Moments, postures: PathPostures) -> tupl
     plan = path.plan
     assert plan.joints_rad is not None
     keys = path.at([(path.standing(k), np.ones(1)) for k in range(plan.course.frames)])
-    turns = Rotation.from_rotvec(keys.rotation_rad).as_matrix()
+    turns = rotations_of(keys.rotation_rad)
     drawn = PathPostures(
         rotations=turns, origins_m=keys.com_m - turns @ plan.course.robot.origin_m, angles=plan.joints_rad,
         error_m=np.zeros(keys.foothold.shape),

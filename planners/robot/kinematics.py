@@ -18,6 +18,7 @@ from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .joint_answer import JointAnswer
+from .leg import Mount
 from .leg_ik import limb_postures
 from .legged import foot_radii, legged_model, rotor_kg_m2
 from .model import Robot
@@ -226,6 +227,23 @@ class Kinematics:
         found = np.repeat(feet[:, None], self._most + 1, axis=1)
         found[self.legs, self._nth] = places
         return found
+
+    def carrier(self, mount: Mount) -> int:
+        """The body that carries a link, as ``carriers`` numbers them."""
+        return 0 if mount.leg is None else 1 + int(self.joints_of(mount.leg)[mount.joint])
+
+    def carriers(self, angles: Array) -> tuple[Array, Array]:
+        """Frames of the base and of all joints in the base's frame at T postures, by the legs' own chains.
+
+        angles: shape (T, J) [rad]. Returns R_BJ, shape (T, 1 + J, 3, 3), and p_BJ, shape (T, 1 + J, 3) [m].
+        """
+        count = len(angles)
+        turns, places = [np.broadcast_to(np.eye(3), (count, 1, 3, 3))], [np.zeros((count, 1, 3))]
+        for i, leg in enumerate(self.model.legs):
+            turn, place = leg.chain.frames(angles[:, self.legs == i])
+            turns.append(turn)
+            places.append(place)
+        return np.concatenate(turns, axis=1), np.concatenate(places, axis=1)
 
     def foot_frames(self, angles: Array) -> Array:
         """Orientations of the feet in the base's frame, shape (N, 3, 3)."""

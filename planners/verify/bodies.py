@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -93,49 +93,41 @@ def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
 
 
 def bodies_report(
-    bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "", *, deadline: float = math.inf
+    bodies: Bodies,
+    frames: Array,
+    postures: WholeBody,
+    astray: str = "",
+    *,
+    between: bool = False,
+    deadline: float = math.inf,
 ) -> BodyReport:
-    """Judge postures alone, each with its key frame; astray: as of ``BodyReport``; deadline: as of ``check_bodies``."""
-    return _report(bodies, ((frame, bodies.overlaps(posture)) for frame, posture in postures), astray, deadline)
+    """Judge postures.
 
-
-def motion_report(
-    bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "", *, deadline: float = math.inf
-) -> BodyReport:
-    """Judge postures that follow each other, each with its progress, and links on the way from one to the next.
-
-    Whether postures are near enough to each other to stand for the motion between them is their maker's to see to.
-    deadline: as of ``check_bodies``.
+    Arguments:
+        bodies: the robot's links, and the terrain.
+        frames: progress of every posture, shape (T,).
+        postures: the T postures.
+        astray: as of ``BodyReport``.
+        between: whether the postures follow each other, and what is only on the way from one to the next is judged,
+            too. Whether they are near enough to each other to stand for the motion between them is their maker's to
+            see to.
+        deadline: as of ``check_bodies``.
     """
-
-    def found() -> Iterator[tuple[float, Sequence[Overlap]]]:
-        before: tuple[float, WholeBody] | None = None
-        for frame, posture in postures:
-            if before is not None:
-                for share, overlap in bodies.between(before[1], posture):
-                    yield before[0] + share * (frame - before[0]), (overlap,)
-            yield frame, bodies.overlaps(posture)
-            before = frame, posture
-
-    return _report(bodies, found(), astray, deadline)
-
-
-def _report(
-    bodies: Bodies, found: Iterable[tuple[float, Sequence[Overlap]]], astray: str, deadline: float
-) -> BodyReport:
-    """found: of every posture its progress, and what is too deep in something, the deepest first."""
-    deepest: Overlap | None = None
-    at, count, hit, missing = 0.0, 0, 0, bodies.missing
-    for frame, overlaps in found:
-        if time.perf_counter() > deadline:
+    deepest: tuple[Overlap, float] | None = None
+    count, hit, on_the_way, missing, at = 0, 0, 0, bodies.missing, np.arange(len(frames))
+    for count, found in bodies.sweep(postures, between=between):
+        ways = sum(moment % 1.0 > 0.0 for moment, _ in found)
+        hit += ways + len({moment for moment, _ in found if not moment % 1.0})
+        on_the_way += ways
+        for moment, overlap in sorted(found, key=lambda each: each[0]):
+            if deepest is None or overlap.depth_m > deepest[0].depth_m:
+                deepest = overlap, float(np.interp(moment, at, frames))
+        if time.perf_counter() > deadline and count < len(frames):
             missing = (f"{LATE} after {count} postures", *missing)
             break
-        count += 1
-        hit += bool(overlaps)
-        if overlaps and (deepest is None or overlaps[0].depth_m > deepest.depth_m):
-            deepest, at = overlaps[0], frame
+    worst, frame = deepest or (None, 0.0)
     return BodyReport(
-        postures=count, hit=hit, worst=deepest, frame=at, missing=missing, drawn_so=bodies.drawn_so,
+        postures=count + on_the_way, hit=hit, worst=worst, frame=frame, missing=missing, drawn_so=bodies.drawn_so,
         astray=astray,
     )  # fmt: skip
 
@@ -155,7 +147,7 @@ def check_bodies(
     from ..terrain.obstacles import Obstacles
 
     bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
-    keys = bodies_report(bodies, enumerate(key_postures(plan, angles)), deadline=deadline)
+    keys = bodies_report(bodies, np.arange(float(len(angles))), key_postures(plan, angles), deadline=deadline)
     found: dict[str, Mapping[str, Any]] = {"bodies": keys.to_json()}
     if plan.course.uncarried:
         return found  # nobody asks for a motion
@@ -168,7 +160,8 @@ def check_bodies(
     except InvalidInput as error:
         return found | {"motion": {"verdict": "not checked", "message": str(error)}}
     astray = _astray(plan, moments.frame, postures.error_m) if postures.error_m.max() > STRAY_M else ""
-    motion = motion_report(bodies, path_bodies(path, moments, postures), astray, deadline=deadline)
+    on_path = path_bodies(path, moments, postures)
+    motion = bodies_report(bodies, moments.frame, on_path, astray, between=True, deadline=deadline)
     return found | {"motion": motion.to_json()}
 
 
