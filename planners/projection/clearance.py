@@ -14,10 +14,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
 
 from ..answer.plan import Plan
 from ..equilibrium.gather import Fill
@@ -34,6 +33,9 @@ from ..robot.leg_slopes import turning
 from ..robot.overlaps import Near
 from ..robot.rotation import rotations_of
 from ..terrain.obstacles import Obstacles
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 T = TypeVar("T")
 APART_M = 0.03
@@ -202,6 +204,8 @@ class _Slopes:
 
     def matrix(self, count: int) -> csr_array:
         """The slopes of so many distances."""
+        from scipy.sparse import coo_array, csr_array  # slow to import
+
         if not self._rows:
             return csr_array((count, self._width))
         rows, columns, values = (np.concatenate(part) for part in (self._rows, self._columns, self._values))
