@@ -12,7 +12,7 @@ q̃ the joints of the key frames that the moment is between, as the body is: eve
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -25,9 +25,9 @@ from ..equilibrium.rows import Rows
 from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
+from ..motion.joints import JointPath, PathPostures, path_bodies
 from ..motion.path import Moments, PlanPath
-from ..robot.bodies import TOUCH_M, Bodies
+from ..robot.bodies import Bodies
 from ..robot.kinematics import Kinematics
 from ..robot.leg_slopes import turning
 from ..robot.overlaps import Near
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 APART_M = 0.03
 """Moments are looked at so far apart: a third of those that are judged."""
-ROOM_M = 1e-3
-"""Links that come nearer to each other than this are too near: joints that follow to milliradians make them touch."""
 NEAR_M = 0.02
 """Beyond what they should keep, bodies farther apart than this are not looked at."""
 CLEAR_PRICE = 20.0
@@ -79,29 +77,6 @@ class PathClearance:
     def __init__(self, plan: Plan, solver: Kinematics, deadline: float = math.inf) -> None:
         self._solver, self._deadline = solver, deadline
         self._bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
-
-    def depths(self, plan: Plan) -> tuple[float, float]:
-        """How deep a link is in something at most, at the moments that are judged, and how much of that, and of links
-        that are nearer to each other than ``ROOM_M``, is too much [m]; a foot that strays from its path is too deep,
-        too."""
-        path = JointPath(PlanPath(plan), self._solver)
-        moments, postures = _with_keys(path.path, *path.judged())
-        bodies = path_bodies(path.path, moments, postures)
-        found = [
-            (overlap.depth_m, overlap.depth_m + (ROOM_M if overlap.other in self._bodies.links else -TOUCH_M))
-            for _, block in self._in_time(self._bodies.sweep(bodies, links_m=-ROOM_M, between=False))
-            for _, overlap in block
-        ]
-        stray = float(postures.error_m.max())
-        found.append((TOUCH_M + stray, stray) if stray > STRAY_M else (0.0, 0.0))
-        depths, excess = zip(*found, strict=True)
-        return max(depths), max(excess)
-
-    def _in_time(self, each: Iterable[T]) -> Iterator[T]:
-        """The same, as long as there is time."""
-        for one in each:
-            check_time(self._deadline)
-            yield one
 
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
         """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is

@@ -30,6 +30,8 @@ from .shapes import Shape
 from .solids import shape_points, solid_shapes
 from .urdf_reader import coal, pinocchio
 
+ROOM_M = 1e-3
+"""Links that come nearer to each other than this are too near: joints that follow to milliradians make them touch."""
 TOUCH_M, LINKS_M = 1e-3, 1e-4
 """A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links this deep inside each
 other: joint angles, corners and coal's depths are ten times as exact. More presses them apart wherever it is run."""
@@ -122,8 +124,9 @@ class Bodies:
 
         bodies: a motion, on which joints turn evenly and the base goes straight from one moment to the next. between:
         whether what is deep nowhere but on the way from one moment to the next is found, too: in other links, and in
-        convex parts of the terrain. Yields after how many moments, and the overlaps of the block, each with its moment,
-        a fraction of the way for what is between.
+        convex parts of the terrain, by the usual tolerances where ``terrain_m`` and ``links_m`` are smaller. Yields
+        after how many moments, and the overlaps of the block, each with its moment, a fraction of the way for what is
+        between.
         """
         begin, count = 0, len(bodies)
         while begin < count:
@@ -201,12 +204,12 @@ class Bodies:
             return self._in_world(replace(bodies.at(t), rotation=turned, origin_m=moved), in_base(t, share))
 
         kinds = (
-            (placed, self._links_apart(placed, -links_m, between=between), links_m, in_base),
-            (world, self._off_terrain(world, -terrain_m, between=between), terrain_m, in_world),
+            (placed, self._links_apart(placed, -links_m, between=between), (links_m, LINKS_M), in_base),
+            (world, self._off_terrain(world, -terrain_m, between=between), (terrain_m, TOUCH_M), in_world),
         )
-        for on, (where, (pairs, bounds), deep_m, way) in enumerate(kinds):
+        for on, (where, (pairs, bounds), limits_m, way) in enumerate(kinds):
             names = [part.name for part in self._terrain.convex] if on else self.links
-            for t, k, depth_m in self._deep(where, pairs, bounds, deep_m, way if between else None, terrain=bool(on)):
+            for t, k, depth_m in self._deep(where, pairs, bounds, limits_m, way if between else None, terrain=bool(on)):
                 yield t, Overlap(link=self.links[pairs[k, 0]], other=names[pairs[k, 1]], depth_m=depth_m)
         yield from self._below(bodies, world, terrain_m)
 
@@ -259,37 +262,45 @@ class Bodies:
         return pairs, bounds
 
     def _deep(
-        self, placed: tuple[Array, Array], pairs: NDArray[np.int_], bounds: Bounds, deep_m: float,
+        self, placed: tuple[Array, Array], pairs: NDArray[np.int_], bounds: Bounds, limits_m: tuple[float, float],
         between: Callable[[Index, Array], tuple[Array, Array]] | None, *, terrain: bool,
     ) -> Iterator[tuple[float, int, float]]:  # fmt: skip
         """Which pairs are deeper than that, at which moments and, where that is known, where between two; and how deep.
 
-        between: where shapes are between a moment and the next.
+        limits_m: how deep; on ways as deep as the second of them at least. between: where shapes are between a moment
+        and the next.
         """
+        deep_m, on_way_m = limits_m[0], max(limits_m)
 
         def measure(t: int, k: int) -> float:
             return self._distance(placed[0][t], placed[1][t], *pairs[k].tolist(), terrain=terrain)
 
-        bounds = bounds.measured(measure, -deep_m, between=between is not None)
+        bounds = bounds.measured(measure, -deep_m, between=False)
+        if between is not None:
+            bounds = bounds.measured(measure, -on_way_m, between=True)
         least = bounds.least
         for moment, pair in np.argwhere(bounds.exact & (least < -deep_m)).tolist():
             yield moment, pair, -float(least[moment, pair])
         if between is None:
             return
-        t, k = np.nonzero(least[:-1] + least[1:] < bounds.way - 2.0 * deep_m)
+        t, k = np.nonzero(least[:-1] + least[1:] < bounds.way - 2.0 * on_way_m)
         share, apart = np.tile([0.0, 1.0], (len(t), 1)), np.stack([least[t, k], least[t + 1, k]], axis=1)
         moving = pairs[:, :1] if terrain else pairs
         ends = [self._corners_of(between(t, share[:, end]), moving[k]) for end in range(2)]
         while len(t):  # every round halves the ways that the distances at their ends leave open
             gone = np.sqrt(np.square(ends[1] - ends[0]).sum(axis=3).max(axis=2)).sum(axis=1) * ARCS
-            open_ = (apart.min(axis=1) >= -deep_m) & (apart.sum(axis=1) < gone - 2.0 * deep_m) & (gone > FINE * deep_m)
+            open_ = (
+                (apart.min(axis=1) >= -on_way_m)
+                & (apart.sum(axis=1) < gone - 2.0 * on_way_m)
+                & (gone > FINE * on_way_m)
+            )
             t, k, share, apart, ends = t[open_], k[open_], share[open_], apart[open_], [end[open_] for end in ends]
             middle, its = share.mean(axis=1), np.arange(len(t))
             turns, origins = halfway = between(t, middle)
             found = np.array(
                 [self._distance(turns[n], origins[n], *pairs[k[n]].tolist(), terrain=terrain) for n in its]
             )
-            deep = np.flatnonzero(found < -deep_m)
+            deep = np.flatnonzero(found < -on_way_m)
             yield from zip((t[deep] + middle[deep]).tolist(), k[deep].tolist(), (-found[deep]).tolist(), strict=True)
             corners = self._corners_of(halfway, moving[k])
             share = np.concatenate([np.stack([share[:, 0], middle], axis=1), np.stack([middle, share[:, 1]], axis=1)])

@@ -37,17 +37,18 @@ def with_whole_body(
     if outcome.plan is None:
         return outcome
     plan, details, course, bent = outcome.plan, dict(outcome.details), outcome.plan.course, True
+    report: Report | None = None
     try:
         check_time(deadline)
         solver = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
         found = whole_body(plan, limits, solver, start_rad, deadline=deadline)
-        plan, details, bent = found.plan, details | found.details, not found.late
+        plan, report, details, bent = found.plan, found.report, details | found.details, not found.late
     except TimeEnded:
         bent = False
     except InvalidInput:
         if limits.concern(course.robot):
             raise
-    report = check_plan(plan, joints=True, deadline=deadline)
+    report = report or check_plan(plan, joints=True, deadline=deadline)  # which nothing was asked of yet
     undecided = not report.accepted or report.late
     return replace(
         outcome,

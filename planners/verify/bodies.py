@@ -37,7 +37,9 @@ class BodyReport:
     postures: how many were judged; hit: how many of them a link is too deep in something in. worst: the deepest
     overlap; place: of it, for people, and frame, its key frame or progress between two. missing: what has no shape and
     was not judged. drawn_so: pairs of links that are inside each other in every posture, and are left out. astray: of
-    a foot that cannot follow its path; empty where all do.
+    a foot that cannot follow its path; empty where all do. short_m: what is missing to bodies that are clear: of the
+    depth in the terrain what is more than touch, of the distance between links what is less than ``ROOM_M``, and how
+    far a foot is off its path.
     """
 
     postures: int
@@ -47,6 +49,7 @@ class BodyReport:
     missing: tuple[str, ...]
     drawn_so: tuple[tuple[str, str], ...]
     astray: str = ""
+    short_m: float = 0.0
 
     @property
     def message(self) -> str:
@@ -70,6 +73,7 @@ class BodyReport:
             "postures": self.postures,
             "hit": self.hit,
             "depth_m": 0.0 if self.worst is None else self.worst.depth_m,
+            "short_m": self.short_m,
             "worst": worst,
             "drawn_so": [list(pair) for pair in self.drawn_so],
         }
@@ -96,7 +100,7 @@ def bodies_report(
     bodies: Bodies,
     frames: Array,
     postures: WholeBody,
-    astray: str = "",
+    astray: tuple[str, float] = ("", 0.0),
     *,
     between: bool = False,
     deadline: float = math.inf,
@@ -107,15 +111,21 @@ def bodies_report(
         bodies: the robot's links, and the terrain.
         frames: progress of every posture, shape (T,).
         postures: the T postures.
-        astray: as of ``BodyReport``.
+        astray: as of ``BodyReport``, and how far that foot is off its path [m].
         between: whether the postures follow each other, and what is only on the way from one to the next is judged,
             too. Whether they are near enough to each other to stand for the motion between them is their maker's to
             see to.
         deadline: as of ``check_bodies``.
     """
+    from ..robot.bodies import LINKS_M, ROOM_M, TOUCH_M  # slow to import
+
     deepest: tuple[Overlap, float] | None = None
     count, hit, on_the_way, missing, at = 0, 0, 0, bodies.missing, np.arange(len(frames))
-    for count, found in bodies.sweep(postures, between=between):
+    short_m = astray[1] if astray[0] else 0.0
+    for count, near in bodies.sweep(postures, links_m=-ROOM_M, between=between):
+        for _, overlap in near:
+            short_m = max(short_m, overlap.depth_m + (ROOM_M if overlap.other in bodies.links else -TOUCH_M))
+        found = [(moment, overlap) for moment, overlap in near if overlap.depth_m > LINKS_M]
         ways = sum(moment % 1.0 > 0.0 for moment, _ in found)
         hit += ways + len({moment for moment, _ in found if not moment % 1.0})
         on_the_way += ways
@@ -128,7 +138,7 @@ def bodies_report(
     worst, frame = deepest or (None, 0.0)
     return BodyReport(
         postures=count + on_the_way, hit=hit, worst=worst, frame=frame, missing=missing, drawn_so=bodies.drawn_so,
-        astray=astray,
+        astray=astray[0], short_m=short_m,
     )  # fmt: skip
 
 
@@ -159,7 +169,8 @@ def check_bodies(
         moments, postures = JointPath(path, solver).judged()
     except InvalidInput as error:
         return found | {"motion": {"verdict": "not checked", "message": str(error)}}
-    astray = _astray(plan, moments.frame, postures.error_m) if postures.error_m.max() > STRAY_M else ""
+    stray_m = float(postures.error_m.max())
+    astray = (_astray(plan, moments.frame, postures.error_m), stray_m) if stray_m > STRAY_M else ("", 0.0)
     on_path = path_bodies(path, moments, postures)
     motion = bodies_report(bodies, moments.frame, on_path, astray, between=True, deadline=deadline)
     return found | {"motion": motion.to_json()}
