@@ -1,9 +1,9 @@
 """Forged overlaps: bodies that touch at one instant of a motion, mostly between the moments that are looked at.
 
 ``python benchmarks/forged_overlaps.py --each 40``. Five kinds, each forged at depths from twice the verifier's
-tolerance to ten times it: a ball of a shank grazes a thin rod of the body, or a ball of it, fast or slowly, or the tip or
-the face of a small plate of the terrain. A judge that shares no code with the sweep places the ball by pinocchio at a
-thousand instants from each moment to the next, and measures in closed form. Exit code 1 if the sweep misses one that
+tolerance to ten times it: a ball of a shank grazes a thin rod of the body, or a ball of it, fast or slowly, or the tip
+or the face of a small plate of the terrain. A judge that shares no code with the sweep places the ball by pinocchio at
+a thousand instants from each moment to the next, and measures in closed form. Exit code 1 if the sweep misses one that
 the judge calls deep.
 """
 
@@ -183,7 +183,7 @@ def spike(model: RobotModel, size: float, rng: np.random.Generator, *, flat: boo
     ahead = places[k + 1] - places[k - 1]
     ahead = ahead / np.linalg.norm(ahead)
     across = np.cross(out, ahead)
-    tip = places[k] + (RADIUS_M - size * TOUCH_M * 0.3) * out
+    tip = places[k] + (RADIUS_M - 0.65 * size * TOUCH_M) * out
     normal = -out if flat else across
     axes = (ahead, across) if flat else (out + 0.4 * ahead, out - 0.4 * ahead)
     corners = (
