@@ -20,9 +20,9 @@ FPS = 25.0
 
 def check_pictures(*paths: Path | None) -> None:
     """Raise InvalidInput for a picture that cannot be written, before any work."""
-    from stancekit.views.sheet import check_picture
-
     for path in filter(None, paths):
+        from stancekit.views.sheet import check_picture  # slow to import
+
         check_picture(path)
 
 

@@ -83,6 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:  # `stancekit VERB --help | head`
         _close_output()
         sys.exit(0)
+    from .docstrings import keep_as_written
+
+    keep_as_written()
     code = run(verb)
     try:
         if sys.stdout is not None:

@@ -7,18 +7,17 @@ centimetre from where the plan draws it, and the joints are those that bring it 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..answer.plan import Plan
 from ..cached import cached_property
 from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import descend
-from ..robot.kinematics import Kinematics, rotation_of
+from ..robot.kinematics import Kinematics
 from ..robot.overlaps import WholeBody
+from ..robot.rotation import rotations_of
 from .path import APART_M, Moments, PlanPath
 from .plan_joints import normals_at
 
@@ -123,7 +122,7 @@ class JointPath:
 
     def _postures(self, moments: Moments) -> PathPostures:
         kinematics, angles = self._kinematics, self._drawn(moments)
-        rotations = Rotation.from_rotvec(moments.rotation_rad).as_matrix()
+        rotations = rotations_of(moments.rotation_rad)
         normals, feet, drawn = self.path.normals[moments.surface], moments.feet_m, angles
         origins, error = moments.com_m, np.zeros(feet.shape[:2])
         for _ in range(ROUNDS):
@@ -134,26 +133,24 @@ class JointPath:
         return PathPostures(rotations=rotations, origins_m=origins, angles=angles, error_m=error)
 
 
-def path_bodies(path: PlanPath, moments: Moments, postures: PathPostures) -> Iterator[tuple[float, WholeBody]]:
-    """The same one by one, with its progress in key frames, as ``Bodies`` takes them."""
-    for t, frame in enumerate(moments.frame.tolist()):
-        normals = path.normals[moments.surface[t]]
-        yield frame, WholeBody(
-            rotation=postures.rotations[t], origin_m=postures.origins_m[t], angles=postures.angles[t],
-            toes_m=moments.feet_m[t] - path.radii_m[:, None] * normals, normals=normals,
-            stands=moments.foothold[t] >= 0,
-        )  # fmt: skip
+def path_bodies(path: PlanPath, moments: Moments, postures: PathPostures) -> WholeBody:
+    """The same as ``Bodies`` takes them."""
+    normals = path.normals[moments.surface]
+    return WholeBody(
+        rotation=postures.rotations, origin_m=postures.origins_m, angles=postures.angles,
+        toes_m=moments.feet_m - path.radii_m[:, None] * normals, normals=normals, stands=moments.foothold >= 0,
+    )  # fmt: skip
 
 
-def key_postures(plan: Plan, angles: Array) -> Iterator[WholeBody]:
+def key_postures(plan: Plan, angles: Array) -> WholeBody:
     """The postures of the key frames as they are drawn, rotations taken exactly; angles: shape (M, J) [rad]."""
-    robot = plan.course.robot
-    for frame, its in enumerate(angles):
-        turn = rotation_of(plan.rotation_rad[frame])
-        yield WholeBody(
-            rotation=turn, origin_m=plan.com_m[frame] - turn @ robot.origin_m, angles=its, toes_m=plan.toes_at(frame),
-            normals=normals_at(plan, frame), stands=np.ones(len(robot.limbs), dtype=bool),
-        )  # fmt: skip
+    robot, frames = plan.course.robot, range(len(angles))
+    turns = rotations_of(plan.rotation_rad)
+    return WholeBody(
+        rotation=turns, origin_m=plan.com_m - turns @ robot.origin_m, angles=angles,
+        toes_m=np.array([plan.toes_at(k) for k in frames]), normals=np.array([normals_at(plan, k) for k in frames]),
+        stands=np.ones((len(angles), len(robot.limbs)), dtype=bool),
+    )  # fmt: skip
 
 
 def _reached(kinematics: Kinematics, feet: Array, drawn: Array) -> tuple[Array, Array]:

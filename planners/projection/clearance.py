@@ -12,13 +12,11 @@ q̃ the joints of the key frames that the moment is between, as the body is: eve
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.spatial.transform import Rotation
 
 from ..answer.plan import Plan
 from ..equilibrium.gather import Fill
@@ -27,19 +25,21 @@ from ..equilibrium.rows import Rows
 from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
+from ..motion.joints import JointPath, PathPostures, path_bodies
 from ..motion.path import Moments, PlanPath
-from ..robot.bodies import TOUCH_M, Bodies
+from ..robot.bodies import Bodies
 from ..robot.kinematics import Kinematics
 from ..robot.leg_slopes import turning
 from ..robot.overlaps import Near
+from ..robot.rotation import rotations_of
 from ..terrain.obstacles import Obstacles
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 T = TypeVar("T")
 APART_M = 0.03
 """Moments are looked at so far apart: a third of those that are judged."""
-ROOM_M = 1e-3
-"""Links that come nearer to each other than this are too near: joints that follow to milliradians make them touch."""
 NEAR_M = 0.02
 """Beyond what they should keep, bodies farther apart than this are not looked at."""
 CLEAR_PRICE = 20.0
@@ -78,38 +78,15 @@ class PathClearance:
         self._solver, self._deadline = solver, deadline
         self._bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
 
-    def depths(self, plan: Plan) -> tuple[float, float]:
-        """How deep a link is in something at most, at the moments that are judged, and how much of that, and of links
-        that are nearer to each other than ``ROOM_M``, is too much [m]; a foot that strays from its path is too deep,
-        too."""
-        path = JointPath(PlanPath(plan), self._solver)
-        moments, postures = _with_keys(path.path, *path.judged())
-        found = [
-            (overlap.depth_m, overlap.depth_m + (ROOM_M if overlap.other in self._bodies.links else -TOUCH_M))
-            for _, body in self._in_time(path_bodies(path.path, moments, postures))
-            for overlap in self._bodies.overlaps(body, links_m=-ROOM_M)
-        ]
-        stray = float(postures.error_m.max())
-        found.append((TOUCH_M + stray, stray) if stray > STRAY_M else (0.0, 0.0))
-        depths, excess = zip(*found, strict=True)
-        return max(depths), max(excess)
-
-    def _in_time(self, each: Iterable[T]) -> Iterator[T]:
-        """The same, as long as there is time."""
-        for one in each:
-            check_time(self._deadline)
-            yield one
-
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
         """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is
         nearest, and wherever it is too near."""
         path = JointPath(PlanPath(plan), self._solver, apart_m)
         moments, postures = _with_keys(path.path, *path.judged(turn_rad=np.inf))
-        near = list[tuple[int, Near]]()
-        for t, (_, body) in enumerate(self._in_time(path_bodies(path.path, moments, postures))):
-            loose = replace(body, stands=np.ones_like(body.stands))  # feet lift off what they stand on
-            near += [(t, each) for each in self._bodies.near(loose, clearance_m + NEAR_M)]
-        near = _nearest(near, clearance_m)
+        check_time(self._deadline)
+        bodies = path_bodies(path.path, moments, postures)
+        loose = replace(bodies, stands=np.ones_like(bodies.stands))  # feet lift off what they stand on
+        near = _nearest(self._bodies.near(loose, clearance_m + NEAR_M), clearance_m)
         mounts = [self._solver.model.mounts[link] for link in self._bodies.links]
         carriers = np.array([(-1 if of.leg is None else of.leg, of.joint) for of in mounts] + [(-2, 0)])
         slopes, times = _Slopes(path, self._solver, moments, postures), np.array([t for t, _ in near], dtype=int)
@@ -171,7 +148,7 @@ def _with_keys(path: PlanPath, moments: Moments, postures: PathPostures) -> tupl
     plan = path.plan
     assert plan.joints_rad is not None
     keys = path.at([(path.standing(k), np.ones(1)) for k in range(plan.course.frames)])
-    turns = Rotation.from_rotvec(keys.rotation_rad).as_matrix()
+    turns = rotations_of(keys.rotation_rad)
     drawn = PathPostures(
         rotations=turns, origins_m=keys.com_m - turns @ plan.course.robot.origin_m, angles=plan.joints_rad,
         error_m=np.zeros(keys.foothold.shape),
@@ -202,6 +179,8 @@ class _Slopes:
 
     def matrix(self, count: int) -> csr_array:
         """The slopes of so many distances."""
+        from scipy.sparse import coo_array, csr_array  # slow to import
+
         if not self._rows:
             return csr_array((count, self._width))
         rows, columns, values = (np.concatenate(part) for part in (self._rows, self._columns, self._values))

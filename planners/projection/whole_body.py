@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..answer.plan import Plan
+from ..answer.report import LATE
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput, TimeEnded
@@ -29,7 +30,7 @@ from ..files.arrays import Array
 from ..motion.joints import STRAY_M
 from ..motion.plan_joints import plan_angles
 from ..robot.kinematics import Kinematics
-from ..verify import check_plan
+from ..verify import Report, check_plan
 from .clearance import APART_M, CLEAR_PRICE, Nearness, PathClearance
 from .force_distribution import EASY
 from .joint_ranges import keeps_to
@@ -52,16 +53,15 @@ PATIENCE, HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are tried."""
 TIGHTER, ROOM = 3, 0.95
 """So often less torque is allowed at key frames, where between them there is more than this share of the limit."""
-LOOKS = 2.5
-"""The verifier takes up to this many times as long as one look along the path of a plan does."""
 ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
 """How far apart moments are that steps keep clear: none while nothing collides, and more where that does not do."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """share, torque_nm: of the torque that has the largest share of its limit. depth_m, too_near_m: as of
-    ``PathClearance.depths``; nan and 0 where nobody can look."""
+    """share, torque_nm: of the torque that has the largest share of its limit. depth_m, too_near_m: how deep a link is
+    in something at most, and what is missing to bodies that are clear, by the verifier; nan and 0 where nobody can
+    look."""
 
     share: float
     torque_nm: float
@@ -82,13 +82,15 @@ class Measured:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WholeBodyPlan:
     """A plan with joint angles, and what it took. steps: of the whole plan. before, after: of the plan as it came, and
-    of this one. late: whether the time ended before all was tried."""
+    of this one. late: whether the time ended before all was tried. report: the verifier's on this plan; None where it
+    was not asked."""
 
     plan: Plan
     steps: int
     before: Measured
     after: Measured
     late: bool = False
+    report: Report[Plan] | None = None
 
     @property
     def details(self) -> dict[str, float]:
@@ -144,8 +146,10 @@ def whole_body(
         reserved = _friction(other.plan) <= _friction(found.plan)  # of which torque is not to cost anything
         if share < most and reserved and its.excess[1] <= found.after.excess[1] and its.better(first.before):
             found, most = replace(other, before=first.before, after=its), share
+    if found.plan.provenance["torque_nm"] == limits.torque_nm:
+        return found
     said = {**found.plan.provenance, "torque_nm": limits.torque_nm}
-    return replace(found, plan=replace(found.plan, provenance=said))
+    return replace(found, plan=replace(found.plan, provenance=said), report=None)
 
 
 def _friction(plan: Plan) -> float:
@@ -159,19 +163,24 @@ def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics, dead
     plan = replace(plan, provenance={**plan.provenance, **said})
     clearance = _clearance(plan, solver, deadline) if limits.steps else None
 
-    def measured(one: Plan) -> Measured:
-        depth_m, too_near_m = (np.nan, 0.0) if clearance is None else clearance.depths(one)
+    def judged(one: Plan) -> tuple[Measured, Report[Plan] | None]:
         share, torque_nm = largest(one, solver, limits.of(solver))
-        return Measured(share=share, torque_nm=torque_nm, depth_m=depth_m, too_near_m=too_near_m)
+        if clearance is None:
+            return Measured(share=share, torque_nm=torque_nm, depth_m=np.nan, too_near_m=0.0), None
+        report = check_plan(one, joints=True, deadline=deadline)
+        if report.late:
+            raise TimeEnded(LATE)
+        looks = report.group("bodies").figures, report.group("motion").figures
+        depth_m, too_near_m = (max(float(of.get(name, 0.0)) for of in looks) for name in ("depth_m", "short_m"))
+        return Measured(share=share, torque_nm=torque_nm, depth_m=depth_m, too_near_m=too_near_m), report
 
     began = time.perf_counter()
     try:
-        before = measured(plan)
+        before, report = judged(plan)
     except TimeEnded:
         unknown = Measured(share=np.nan, torque_nm=np.nan, depth_m=np.nan, too_near_m=np.nan)
         return WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown, late=True)
     look_s = time.perf_counter() - began
-    deadline -= LOOKS * look_s
     best, after, taken, late = plan, before, 0, False
     for apart_m in ATTEMPTS_M:
         if after.share <= (EASY if best is plan else 1.0) and not after.excess[1]:
@@ -185,16 +194,16 @@ def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics, dead
         stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s)
         found, steps = stage.run(collides=after.excess[1] > 0.0)
         late = late or stage.late
-        if found is None or not check_plan(found).accepted:
+        if found is None or (clearance is None and not check_plan(found).accepted):
             continue
         try:
-            its = measured(found)
+            its, said_of_it = judged(found)
         except TimeEnded:
             late = True
             break
-        if its.better(after):
-            best, after, taken = found, its, taken + steps
-    return WholeBodyPlan(plan=best, steps=taken, before=before, after=after, late=late)
+        if its.better(after) and (said_of_it is None or said_of_it.contacts):
+            best, after, taken, report = found, its, taken + steps, said_of_it
+    return WholeBodyPlan(plan=best, steps=taken, before=before, after=after, late=late, report=report)
 
 
 def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance | None:

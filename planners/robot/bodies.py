@@ -6,7 +6,8 @@ of either keeps apart are clear (the separating-axis theorem); coal measures the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -16,15 +17,21 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from ..terrain.obstacles import Ground, Obstacles
+from ..terrain.prism import Solid
 from .contacts import feet_of
 from .kinematics import Kinematics
+from .leg import Mount
 from .links_in_ground import LinksInGround
 from .overlaps import Near, Overlap, WholeBody
 from .robot_model import RobotModel
+from .rotation import between_rotations
+from .separation import Bounds, Index, balls_apart, boxes_apart, off_solids
 from .shapes import Shape
 from .solids import shape_points, solid_shapes
 from .urdf_reader import coal, pinocchio
 
+ROOM_M = 1e-3
+"""Links that come nearer to each other than this are too near: joints that follow to milliradians make them touch."""
 TOUCH_M, LINKS_M = 1e-3, 1e-4
 """A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links this deep inside each
 other: joint angles, corners and coal's depths are ten times as exact. More presses them apart wherever it is run."""
@@ -39,6 +46,9 @@ LONG_M = 0.05
 """A part of a leg that is longer than this has a shape, or is said to have none [m]."""
 ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
 """Cosine between normals of one surface, and how far from it what stands on it may be [m]."""
+
+BLOCK = 128
+"""So many moments are looked at together."""
 
 _DRAWN_SO: WeakKeyDictionary[RobotModel, tuple[tuple[str, str], ...]] = WeakKeyDictionary()
 """``Bodies.drawn_so`` of models that there are, each tried once: names, which follow from the model alone, so that two
@@ -55,24 +65,31 @@ class Bodies:
     """
 
     def __init__(self, kinematics: Kinematics, terrain: Obstacles = Obstacles(convex=(), closed=())) -> None:
-        self._coal, self._pin, self._of = coal(), pinocchio(), kinematics
+        self._coal, self._of = coal(), kinematics
         self.model = kinematics.model
         known = kinematics.known
-        self._data, self._terrain = known.createData(), terrain
+        self._terrain = terrain
         shapes, missing = link_shapes(kinematics.model)
         self.missing = (*missing, *self.model.gaps)
         self.links = [shape.link for shape, _ in shapes]
-        frames = [known.getFrameId(link, self._pin.FrameType.BODY) for link in self.links]
-        self._frames, joints = frames, [known.frames[frame].parentJoint for frame in frames]
-        self._turns = np.array([shape.rotation for shape, _ in shapes]).reshape(-1, 3, 3)
-        self._origins = np.array([shape.origin_m for shape, _ in shapes]).reshape(-1, 3)
+        body = pinocchio().FrameType.BODY
+        joints = [known.frames[known.getFrameId(link, body)].parentJoint for link in self.links]
+        mounts = [kinematics.model.mounts[link] for link in self.links]
+        self._carriers = np.array([kinematics.carrier(mount) for mount in mounts], dtype=int)
+        self._turns, self._origins = _on_carriers(mounts, [shape for shape, _ in shapes])
         self._geometry = [self._made(shape, points) for shape, points in shapes]
         points = [each for _, each in shapes]
         boxes = np.array([_box(geometry) for geometry in self._geometry]).reshape(-1, 2, 3)
         self._middles, self._halves = boxes[:, 0], boxes[:, 1]
+        self._balls = np.array([shape.kind == "sphere" for shape, _ in shapes], dtype=bool)
+        self._radii = np.where(self._balls, self._halves[:, 0], np.linalg.norm(self._halves, axis=1))
+        self._corners = (
+            self._middles[:, None] + np.where(self._balls, 0.0, 1.0)[:, None, None] * SIDES * self._halves[:, None]
+        )
         self._solids = [self._hull(each.solid.corners) for each in terrain.convex]
         spans = [(each.solid.corners.min(axis=0), each.solid.corners.max(axis=0)) for each in terrain.convex]
         self._spans = np.array(spans).reshape(-1, 2, 3)
+        self._faces = _faces([each.solid for each in terrain.convex])
         self._request, self._here = self._coal.DistanceRequest(), self._coal.Transform3s()
         self._request.enable_signed_distance, self._result = True, self._coal.DistanceResult()
         self._foot = feet_of([shape for shape, _ in shapes], self.model.legs, self.model.mounts)
@@ -96,163 +113,266 @@ class Bodies:
 
     def overlaps(self, body: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M) -> tuple[Overlap, ...]:
         """What is deeper than ``terrain_m`` in the terrain, and than ``links_m`` in another link, below 0 what is as
-        near to it; the deepest first. A foot may be in the surface that it stands on."""
-        turns, origins = self._in_world(body)
-        meeting = [
-            Overlap(link=self.links[i], other=self.links[j], depth_m=-self._distance(turns, origins, i, j))
-            for i, j in self._meeting(turns, origins, self._pairs, max(-links_m, 0.0))
-        ]
-        found = [
-            Overlap(
-                link=self.links[i], other=self._terrain.convex[part].name,
-                depth_m=-self._distance(turns, origins, i, part, terrain=True),
-            )
-            for i, part in self._in_terrain(turns, origins, 0.0)
-        ]  # fmt: skip
-        middles = origins + np.einsum("sij,sj->si", turns, self._middles)
-        if self._in_ground is not None:
-            reach = np.einsum("sij,sj->si", np.abs(turns), self._halves)
-            below = self._in_ground.depths(turns, origins, middles - reach, middles + reach, body)
-            found += [Overlap(link=self.links[i], other=Ground.name, depth_m=depth) for i, depth in below]
-        for surface in self._terrain.closed:
-            for i in np.flatnonzero(surface.holds(middles)):
-                found.append(Overlap(link=self.links[i], other=surface.name, depth_m=surface.depth(middles[i])))
-        both = ((found, terrain_m), (meeting, links_m))
-        deep = [each for some, beyond_m in both for each in some if each.depth_m > beyond_m]
-        return tuple(sorted(deep, key=lambda each: -each.depth_m))
+        near to it; the deepest first. A foot may touch what it stands on."""
+        found = [each for _, each in self._swept(body.moments, terrain_m, links_m, between=False)]
+        return tuple(sorted(found, key=lambda each: -each.depth_m))
 
-    def between(self, first: WholeBody, last: WholeBody, links_m: float = LINKS_M) -> Iterator[tuple[float, Overlap]]:
-        """Links that are deeper than ``links_m`` in each other on the way between two postures, on which joints turn
-        evenly, and in neither of them, each with its share of the way.
+    def sweep(
+        self, bodies: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M, between: bool = True
+    ) -> Iterator[tuple[int, list[tuple[float, Overlap]]]]:
+        """The same of T postures, block by block.
 
-        Two links d₁ and d₂ apart in the two postures, whose points go m in the body between them, are (d₁ + d₂ − m) / 2
-        apart at least. Where that is not enough both halves of the way are looked at, too, as long as m is more than
-        ``FINE`` of the tolerance.
+        bodies: a motion, on which joints turn evenly and the base goes straight from one moment to the next. between:
+        whether what is deep nowhere but on the way from one moment to the next is found, too: in other links, and in
+        convex parts of the terrain, by the usual tolerances where ``terrain_m`` and ``links_m`` are smaller. Yields
+        after how many moments, and the overlaps of the block, each with its moment, a fraction of the way for what is
+        between.
         """
-        placed = {0.0: self._placed(first.angles), 1.0: self._placed(last.angles)}
-        parts = [(0.0, 1.0, self._pairs)]
-        while parts:
-            begin, end, pairs = parts.pop()
-            near = list(self._crossing(placed[begin], placed[end], pairs, links_m))
-            for *pair, depths, _ in near:
-                at = begin if depths[0] > depths[1] else end
-                if max(depths) > links_m and 0.0 < at < 1.0:
-                    yield at, Overlap(link=self.links[pair[0]], other=self.links[pair[1]], depth_m=max(depths))
-            left = [(i, j) for i, j, depths, way in near if max(depths) <= links_m and way > FINE * links_m]
-            if left:
-                middle = 0.5 * (begin + end)
-                placed[middle] = self._placed(first.angles + middle * (last.angles - first.angles))
-                parts += [(begin, middle, np.array(left)), (middle, end, np.array(left))]
+        begin, count = 0, len(bodies)
+        while begin < count:
+            first = max(begin - 1, 0) if between else begin
+            end = min(begin + BLOCK, count)
+            found = self._swept(bodies.at(slice(first, end)), terrain_m, links_m, between=between)
+            yield end, [(first + at, each) for at, each in found if first + at > begin - 1]
+            begin = end
 
-    def _crossing(
-        self, first: tuple[Array, Array], last: tuple[Array, Array], pairs: NDArray[np.int_], links_m: float
-    ) -> Iterator[tuple[int, int, tuple[float, float], float]]:
-        """Pairs of shapes, placed twice in the body, that may be deeper in each other in between; how deep they are in
-        both, and how far their points go [m]."""
-        corners = self._middles[:, None] + SIDES * self._halves[:, None]
-        ends = [origins[:, None] + corners @ np.swapaxes(turns, 1, 2) for turns, origins in (first, last)]
-        way = ARCS * np.linalg.norm(ends[1] - ends[0], axis=2).max(axis=1)[pairs].sum(axis=1)
-        for row in np.flatnonzero(self._gaps(*first, pairs) < way - links_m).tolist():
-            i, j = pairs[row].tolist()
-            depths = -self._distance(*first, i, j), -self._distance(*last, i, j)
-            if sum(depths) > 2.0 * links_m - way[row]:
-                yield i, j, depths, float(way[row])
-
-    def near(self, body: WholeBody, within_m: float) -> Iterator[Near]:
-        """What is nearer to each other than this, of the pairs that ``overlaps`` looks at; of the terrain's convex
-        parts alone, and of feet but those that they do not stand on."""
-        turns, origins = self._in_world(body)
-        parts = self._in_terrain(turns, origins, within_m)
-        for terrain, pairs in (
-            (False, self._meeting(turns, origins, self._pairs, within_m)),
-            (True, ((i, part) for i, part in parts if not self._stands_on(i, part, body))),
-        ):
-            for i, j in pairs:
-                distance = self._distance(turns, origins, i, j, terrain=terrain)
-                if distance < within_m:
-                    found = self._result
-                    yield Near(
-                        shape=i, other=-1 if terrain else j,
-                        name=self._terrain.convex[j].name if terrain else self.links[j], distance_m=distance,
-                        points_m=np.array([found.getNearestPoint1(), found.getNearestPoint2()]),
-                        normal=-np.array(found.normal),
-                    )  # fmt: skip
+    def near(self, bodies: WholeBody, within_m: float) -> list[tuple[int, Near]]:
+        """What is nearer to each other than this, of the pairs that ``overlaps`` looks at, with the number of its
+        moment; of the terrain's convex parts alone, and of feet but those that they do not stand on."""
+        found = list[tuple[int, Near]]()
+        for begin in range(0, len(bodies), BLOCK):
+            block = bodies.at(slice(begin, begin + BLOCK))
+            world = self._in_world(block, self._placed(block.angles))
+            links, parts = self._links_apart(world, within_m), self._off_terrain(world, within_m)
+            parts[1].least[self._stand_on(block, parts[0])] = np.inf
+            its = [
+                (t, on, k, near) for on, pairs in enumerate((links, parts))
+                for t, k, near in self._measured_near(world, *pairs, within_m, terrain=bool(on))
+            ]  # fmt: skip
+            found += [(begin + t, near) for t, _, _, near in sorted(its, key=lambda each: each[:3])]
+        return found
 
     def depth(self, overlap: Overlap, body: WholeBody) -> float:
         """How deep the link of an overlap is inside the same other thing in another posture, negative outside [m]; of
         the terrain the ground alone."""
-        turns, origins = self._in_world(body)
+        one = body.moments
+        (turns,), (origins,) = self._in_world(one, self._placed(one.angles))
         own, others = ([k for k, link in enumerate(self.links) if link == n] for n in (overlap.link, overlap.other))
         if self._in_ground is not None and overlap.other == Ground.name:
             return max(self._in_ground.depth(turns, origins, i) for i in own)
         return max(-self._distance(turns, origins, i, j) for i in own for j in others)
 
-    def _in_world(self, body: WholeBody) -> tuple[Array, Array]:
-        """R_WS and p_WS of every shape."""
-        turns, origins = self._placed(body.angles)
-        return body.rotation @ turns, body.origin_m + origins @ body.rotation.T
-
-    def _meeting(
-        self, turns: Array, origins: Array, pairs: NDArray[np.int_], within_m: float
-    ) -> Iterator[tuple[int, int]]:
-        """Pairs of shapes that no axis of either's box keeps farther apart than this."""
-        yield from pairs[self._gaps(turns, origins, pairs) < within_m].tolist()
-
-    def _gaps(self, turns: Array, origins: Array, pairs: NDArray[np.int_]) -> Array:
-        """How far apart an axis of either's box keeps pairs of shapes at least, shape (P,) [m]."""
-        first, second = pairs.T
-        middles = origins + np.einsum("sij,sj->si", turns, self._middles)
-        between = (middles[second] - middles[first])[:, None]
-        a, b = turns[first], turns[second]
-        across = np.abs(np.swapaxes(a, 1, 2) @ b)
-        ha, hb = self._halves[first], self._halves[second]
-        along_a = np.abs(between @ a)[:, 0] - ha - np.einsum("pij,pj->pi", across, hb)
-        along_b = np.abs(between @ b)[:, 0] - hb - np.einsum("pij,pi->pj", across, ha)
-        return np.asarray(np.maximum(along_a.max(axis=1), along_b.max(axis=1)))
-
-    def _in_terrain(self, turns: Array, origins: Array, within_m: float) -> Iterator[tuple[int, int]]:
-        """Shapes and parts of the terrain that no axis of the shape's box, and no face of the part, keeps farther
-        apart than this."""
-        middles = origins + np.einsum("sij,sj->si", turns, self._middles)
-        reach = np.einsum("sij,sj->si", np.abs(turns), self._halves) + within_m
-        low, high = middles - reach, middles + reach
-        near = np.all((low[:, None] < self._spans[:, 1]) & (high[:, None] > self._spans[:, 0]), axis=2)
-        for part in np.flatnonzero(near.any(axis=0)).tolist():
-            solid, its = self._terrain.convex[part].solid, np.flatnonzero(near[:, part])
-            support = np.vecdot(np.abs(solid.normals @ turns[its]), self._halves[its][:, None])
-            gap = (middles[its] @ solid.normals.T - solid.offsets_m - support).max(axis=1)
-            for i in its[gap < within_m].tolist():
-                yield i, part
-
-    def _stands_on(self, shape: int, part: int, body: WholeBody) -> bool:
-        """Whether a shape is the foot of a limb that stands on a face of a part of the terrain."""
-        limb, solid = self._foot[shape], self._terrain.convex[part].solid
-        if limb < 0 or not body.stands[limb]:
-            return False
-        toe, along = body.toes_m[limb], solid.normals @ body.normals[limb] > ALIGNED
-        heights = solid.normals @ toe - solid.offsets_m
-        return bool(np.any(along & (np.abs(heights) < ON_M)) and heights.max() < ON_M)
-
     def _placed(self, angles: Array) -> tuple[Array, Array]:
-        """R_BS and p_BS of every shape, shapes (S, 3, 3) and (S, 3) [m]."""
-        self._pin.framesForwardKinematics(self._of.known, self._data, self._of.configuration(angles))
-        places = [self._data.oMf[frame] for frame in self._frames]
-        turns = np.array([place.rotation for place in places]).reshape(-1, 3, 3)
-        origins = np.array([place.translation for place in places]).reshape(-1, 3)
-        return turns @ self._turns, origins + np.einsum("sij,sj->si", turns, self._origins)
+        """R_BS and p_BS of every shape at T postures, shapes (T, S, 3, 3) and (T, S, 3) [m]."""
+        turns, places = self._of.carriers(angles)
+        turns, places = turns[:, self._carriers], places[:, self._carriers]
+        return turns @ self._turns, places + (turns @ self._origins[:, :, None])[..., 0]
+
+    def _in_world(self, bodies: WholeBody, placed: tuple[Array, Array]) -> tuple[Array, Array]:
+        """R_WS and p_WS of shapes that are placed in the base."""
+        turns, origins = placed
+        back = np.swapaxes(bodies.rotation, -1, -2)
+        return bodies.rotation[..., None, :, :] @ turns, bodies.origin_m[..., None, :] + origins @ back
+
+    def _middle(self, placed: tuple[Array, Array]) -> Array:
+        """Middles of the boxes of shapes, shape (T, S, 3) [m]."""
+        turns, origins = placed
+        return np.asarray(origins + (turns @ self._middles[:, :, None])[..., 0])
+
+    def _ways(self, placed: tuple[Array, Array]) -> Array:
+        """How far points of shapes go from one moment to the next at most, shape (T − 1, S) [m]; of balls it is their
+        centres that count."""
+        turns, origins = placed
+        ends = origins[:, :, None] + self._corners @ np.swapaxes(turns, -1, -2)
+        moved = np.diff(ends, axis=0)
+        return ARCS * np.asarray(np.sqrt(np.einsum("tsci,tsci->tsc", moved, moved).max(axis=2, initial=0.0)))
+
+    def _swept(
+        self, bodies: WholeBody, terrain_m: float, links_m: float, *, between: bool
+    ) -> Iterator[tuple[float, Overlap]]:
+        """What is too deep at some moment, or between two."""
+        placed = self._placed(bodies.angles)
+        world = self._in_world(bodies, placed)
+
+        def in_base(t: Index, share: Array) -> tuple[Array, Array]:
+            before, after = bodies.angles[t], bodies.angles[t + 1]
+            return self._placed(before + share[:, None] * (after - before))
+
+        def in_world(t: Index, share: Array) -> tuple[Array, Array]:
+            turned = between_rotations(bodies.rotation[t], bodies.rotation[t + 1], share)
+            moved = bodies.origin_m[t] + share[:, None] * (bodies.origin_m[t + 1] - bodies.origin_m[t])
+            return self._in_world(replace(bodies.at(t), rotation=turned, origin_m=moved), in_base(t, share))
+
+        kinds = (
+            (placed, self._links_apart(placed, -links_m, between=between), (links_m, LINKS_M), in_base),
+            (world, self._off_terrain(world, -terrain_m, between=between), (terrain_m, TOUCH_M), in_world),
+        )
+        for on, (where, (pairs, bounds), limits_m, way) in enumerate(kinds):
+            names = [part.name for part in self._terrain.convex] if on else self.links
+            for t, k, depth_m in self._deep(where, pairs, bounds, limits_m, way if between else None, terrain=bool(on)):
+                yield t, Overlap(link=self.links[pairs[k, 0]], other=names[pairs[k, 1]], depth_m=depth_m)
+        yield from self._below(bodies, world, terrain_m)
+
+    def _links_apart(
+        self, placed: tuple[Array, Array], limit_m: float, *, between: bool = False
+    ) -> tuple[NDArray[np.int_], Bounds]:
+        """All pairs of links, shape (K, 2), and what boxes and balls around them say of their distances."""
+        middles, (first, second) = self._middle(placed), self._pairs.T
+        exact = self._balls[first] & self._balls[second]
+        least = balls_apart(middles, self._radii, self._pairs)
+        bounds = Bounds(
+            least=least, way=self._ways(placed)[:, self._pairs].sum(axis=2), exact=np.tile(exact, (len(least), 1))
+        )
+        t, k = np.nonzero(bounds.nearer(limit_m, between=between) & ~exact)
+        turns, i, j = placed[0], first[k], second[k]
+        apart = boxes_apart(
+            middles[t, j] - middles[t, i], (turns[t, i], self._halves[i]), (turns[t, j], self._halves[j])
+        )
+        least[t, k] = np.maximum(least[t, k], apart)
+        return self._pairs, bounds
+
+    def _off_terrain(
+        self, world: tuple[Array, Array], limit_m: float, *, between: bool = False
+    ) -> tuple[NDArray[np.int_], Bounds]:
+        """Shapes and parts of the terrain of which some may be nearer than that, shape (K, 2), by part; and what boxes
+        and balls say of their distances."""
+        middles, ways = self._middle(world), self._ways(world)
+        reach = (np.abs(world[0]) @ self._halves[:, :, None])[..., 0]
+        reach[:, self._balls] = self._radii[self._balls, None]
+        low, high = middles - reach, middles + reach
+        room = max(limit_m, 0.0) + (float(ways.max(initial=0.0)) if between else 0.0)
+        bottom, top = np.swapaxes(self._spans, 0, 1)
+        close = np.all((low.min(axis=0) - room < top[:, None]) & (high.max(axis=0) + room > bottom[:, None]), axis=2)
+        pairs = np.argwhere(close)[:, ::-1]
+        shape, part = pairs.T
+        least = np.maximum(low[:, shape] - top[part], bottom[part] - high[:, shape]).max(axis=2)
+        exact = np.zeros(least.shape, dtype=bool)
+        bounds = Bounds(least=least, way=ways[:, shape], exact=exact)
+        open_ = bounds.nearer(limit_m, between=between)
+        for faces in self._faces:
+            t, k = np.nonzero(open_ & np.isin(part, faces.parts))
+            if not len(t):
+                continue
+            s, of = shape[k], np.searchsorted(faces.parts, part[k])
+            normals, ball = faces.normals[of], self._balls[s]
+            supports = (np.abs(normals @ world[0][t, s]) @ self._halves[s][:, :, None])[..., 0]
+            supports = np.where(ball[:, None], self._radii[s][:, None], supports)
+            off, over = off_solids(middles[t, s], supports, normals, faces.offsets_m[of])
+            least[t, k], exact[t, k] = np.where(ball & over, off, np.maximum(least[t, k], off)), ball & over
+        return pairs, bounds
+
+    def _deep(
+        self, placed: tuple[Array, Array], pairs: NDArray[np.int_], bounds: Bounds, limits_m: tuple[float, float],
+        between: Callable[[Index, Array], tuple[Array, Array]] | None, *, terrain: bool,
+    ) -> Iterator[tuple[float, int, float]]:  # fmt: skip
+        """Which pairs are deeper than that, at which moments and, where that is known, where between two; and how deep.
+
+        limits_m: how deep; on ways as deep as the second of them at least. between: where shapes are between a moment
+        and the next.
+        """
+        deep_m, on_way_m = limits_m[0], max(limits_m)
+
+        def measure(t: int, k: int) -> float:
+            return self._distance(placed[0][t], placed[1][t], *pairs[k].tolist(), terrain=terrain)
+
+        bounds = bounds.measured(measure, -deep_m, between=False)
+        if between is not None:
+            bounds = bounds.measured(measure, -on_way_m, between=True)
+        least = bounds.least
+        for moment, pair in np.argwhere(bounds.exact & (least < -deep_m)).tolist():
+            yield moment, pair, -float(least[moment, pair])
+        if between is None:
+            return
+        t, k = np.nonzero(least[:-1] + least[1:] < bounds.way - 2.0 * on_way_m)
+        share, apart = np.tile([0.0, 1.0], (len(t), 1)), np.stack([least[t, k], least[t + 1, k]], axis=1)
+        moving = pairs[:, :1] if terrain else pairs
+        ends = [self._corners_of(between(t, share[:, end]), moving[k]) for end in range(2)]
+        while len(t):  # every round halves the ways that the distances at their ends leave open
+            gone = np.sqrt(np.square(ends[1] - ends[0]).sum(axis=3).max(axis=2)).sum(axis=1) * ARCS
+            open_ = (
+                (apart.min(axis=1) >= -on_way_m)
+                & (apart.sum(axis=1) < gone - 2.0 * on_way_m)
+                & (gone > FINE * on_way_m)
+            )
+            t, k, share, apart, ends = t[open_], k[open_], share[open_], apart[open_], [end[open_] for end in ends]
+            middle, its = share.mean(axis=1), np.arange(len(t))
+            turns, origins = halfway = between(t, middle)
+            found = np.array(
+                [self._distance(turns[n], origins[n], *pairs[k[n]].tolist(), terrain=terrain) for n in its]
+            )
+            deep = np.flatnonzero(found < -on_way_m)
+            yield from zip((t[deep] + middle[deep]).tolist(), k[deep].tolist(), (-found[deep]).tolist(), strict=True)
+            corners = self._corners_of(halfway, moving[k])
+            share = np.concatenate([np.stack([share[:, 0], middle], axis=1), np.stack([middle, share[:, 1]], axis=1)])
+            apart = np.concatenate([np.stack([apart[:, 0], found], axis=1), np.stack([found, apart[:, 1]], axis=1)])
+            ends = [np.concatenate([ends[0], corners]), np.concatenate([corners, ends[1]])]
+            t, k = np.tile(t, 2), np.tile(k, 2)
+
+    def _corners_of(self, placed: tuple[Array, Array], shapes: NDArray[np.int_]) -> Array:
+        """Corners of the boxes of some shapes, shape (L, n), that are placed L times, shape (L, n, 8, 3)."""
+        turns, origins = (part[np.arange(len(shapes))[:, None], shapes] for part in placed)
+        return np.asarray(origins[:, :, None] + self._corners[shapes] @ np.swapaxes(turns, -1, -2))
+
+    def _below(self, bodies: WholeBody, world: tuple[Array, Array], terrain_m: float) -> Iterator[tuple[int, Overlap]]:
+        """What is deeper than that in ground of heights, and whose middle is inside of a closed surface."""
+        middles = self._middle(world)
+        if self._in_ground is not None:
+            reach = (np.abs(world[0]) @ self._halves[:, :, None])[..., 0]
+            for t, i, depth_m in self._in_ground.depths(*world, middles - reach, middles + reach, bodies):
+                if depth_m > terrain_m:
+                    yield t, Overlap(link=self.links[i], other=Ground.name, depth_m=depth_m)
+        for surface in self._terrain.closed:
+            for t, i in np.argwhere(surface.holds(middles.reshape(-1, 3)).reshape(middles.shape[:2])).tolist():
+                depth_m = surface.depth(middles[t, i])
+                if depth_m > terrain_m:
+                    yield t, Overlap(link=self.links[i], other=surface.name, depth_m=depth_m)
+
+    def _measured_near(
+        self, world: tuple[Array, Array], pairs: NDArray[np.int_], bounds: Bounds, within_m: float, *, terrain: bool
+    ) -> list[tuple[int, int, Near]]:
+        """Those that are nearer, as moment, pair and what is known of them."""
+        found = list[tuple[int, int, Near]]()
+
+        def measure(t: int, k: int) -> float:
+            i, j = pairs[k].tolist()
+            distance = self._distance(world[0][t], world[1][t], i, j, terrain=terrain)
+            if distance < within_m:
+                points = np.array([self._result.getNearestPoint1(), self._result.getNearestPoint2()])
+                name = self._terrain.convex[j].name if terrain else self.links[j]
+                near = Near(
+                    shape=i, other=-1 if terrain else j, name=name, distance_m=distance, points_m=points,
+                    normal=-np.array(self._result.normal),
+                )  # fmt: skip
+                found.append((t, k, near))
+            return distance
+
+        unknown = replace(bounds, exact=np.zeros_like(bounds.exact))  # where they are nearest is not said of balls
+        unknown.measured(measure, within_m, between=False)
+        return found
+
+    def _stand_on(self, bodies: WholeBody, pairs: NDArray[np.int_]) -> NDArray[np.bool_]:
+        """Which shapes are feet of limbs that stand on a face of a part of the terrain, shape (T, K)."""
+        found = np.zeros((len(bodies), len(pairs)), dtype=bool)
+        for k, (shape, part) in enumerate(pairs.tolist()):
+            limb, solid = self._foot[shape], self._terrain.convex[part].solid
+            if limb >= 0:
+                along = bodies.normals[:, limb] @ solid.normals.T > ALIGNED
+                heights = bodies.toes_m[:, limb] @ solid.normals.T - solid.offsets_m
+                on = np.any(along & (np.abs(heights) < ON_M), axis=1) & (heights.max(axis=1) < ON_M)
+                found[:, k] = bodies.stands[:, limb] & on
+        return found
 
     def _always_inside(self) -> tuple[tuple[str, str], ...]:
         """Links of which two shapes touch in every posture."""
         lower, upper = self._of.lower_rad, self._of.upper_rad
-        spread = lower + (upper - lower) * _spread(POSTURES, len(lower))
-        always = self._pairs
-        for angles in [np.concatenate([leg.stance_rad for leg in self.model.legs]), *spread]:
-            placed = self._placed(angles)
-            touching = [pair for pair in self._meeting(*placed, always, 0.0) if self._distance(*placed, *pair) < 0.0]
-            always = np.array(touching, dtype=int).reshape(-1, 2)
-            if not touching:
-                return ()
-        named = (sorted((self.links[i], self.links[j]), key=self.links.index) for i, j in sorted(always.tolist()))
+        standing = np.concatenate([leg.stance_rad for leg in self.model.legs])
+        turns, origins = self._placed(np.vstack([standing, lower + (upper - lower) * _spread(POSTURES, len(lower))]))
+        pairs, bounds = self._links_apart((turns, origins), 0.0)
+        always = pairs[np.all(bounds.least < 0.0, axis=0)].tolist()
+        named = [
+            sorted((self.links[i], self.links[j]), key=self.links.index) for i, j in always
+            if all(self._distance(turn, origin, i, j) < 0.0 for turn, origin in zip(turns, origins, strict=True))
+        ]  # fmt: skip
         return tuple(dict.fromkeys((one, other) for one, other in named))
 
     def _distance(self, turns: Array, origins: Array, shape: int, other: int, *, terrain: bool = False) -> float:
@@ -280,6 +400,34 @@ class Bodies:
         for point in points:
             corners.append(point)
         return self._coal.Convex.convexHull(corners, True, "Qt")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Faces:
+    """Faces n·x = d of parts of a terrain that have as many of them, F: parts by number; shapes (K, F, 3), (K, F)."""
+
+    parts: NDArray[np.int_]
+    normals: Array
+    offsets_m: Array
+
+
+def _faces(solids: Sequence[Solid]) -> list[_Faces]:
+    """Of all parts."""
+    counts = np.array([len(solid.normals) for solid in solids], dtype=int)
+    return [
+        _Faces(
+            parts=parts, normals=np.array([solids[k].normals for k in parts.tolist()]),
+            offsets_m=np.array([solids[k].offsets_m for k in parts.tolist()]),
+        )
+        for parts in (np.flatnonzero(counts == count) for count in np.unique(counts))
+    ]  # fmt: skip
+
+
+def _on_carriers(mounts: Sequence[Mount], shapes: Sequence[Shape]) -> tuple[Array, Array]:
+    """Where shapes are on the bodies that carry their links, shapes (S, 3, 3) and (S, 3) [m]."""
+    turns = [mount.rotation @ shape.rotation for mount, shape in zip(mounts, shapes, strict=True)]
+    origins = [mount.origin_m + mount.rotation @ shape.origin_m for mount, shape in zip(mounts, shapes, strict=True)]
+    return np.array(turns).reshape(-1, 3, 3), np.array(origins).reshape(-1, 3)
 
 
 def _spread(count: int, dimension: int) -> Array:

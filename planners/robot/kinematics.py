@@ -18,6 +18,7 @@ from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .joint_answer import JointAnswer
+from .leg import Mount
 from .leg_ik import limb_postures
 from .legged import foot_radii, legged_model, rotor_kg_m2
 from .model import Robot
@@ -69,7 +70,8 @@ class Kinematics:
                                            pin.FrameType.OP_FRAME))
             for leg in own
         ]  # fmt: skip
-        self._data = self.known.createData()
+        self._data, self._masses = self.known.createData(), self.known.createData()
+        self._at = b""
         self._rest, rows, self.columns = self._places()
         self._row = _slice_or(rows)
         self._own = [_slice_or(self.columns[self.legs == i]) for i in range(len(own))]
@@ -210,8 +212,7 @@ class Kinematics:
 
     def feet(self, angles: Array) -> Array:
         """Centres of the feet in the base's frame, shape (N, 3) [m]."""
-        self._pin.framesForwardKinematics(self.known, self._data, self.configuration(angles))
-        return np.array([self._data.oMf[frame].translation for frame in self._feet])
+        return self._placed(angles)
 
     def chains(self, angles: Array) -> Array:
         """Joints and foot of every limb in the base's frame, shape (N, n + 1, 3) [m]; shorter ones stay at the foot.
@@ -227,14 +228,31 @@ class Kinematics:
         found[self.legs, self._nth] = places
         return found
 
+    def carrier(self, mount: Mount) -> int:
+        """The body that carries a link, as ``carriers`` numbers them."""
+        return 0 if mount.leg is None else 1 + int(self.joints_of(mount.leg)[mount.joint])
+
+    def carriers(self, angles: Array) -> tuple[Array, Array]:
+        """Frames of the base and of all joints in the base's frame at T postures, by the legs' own chains.
+
+        angles: shape (T, J) [rad]. Returns R_BJ, shape (T, 1 + J, 3, 3), and p_BJ, shape (T, 1 + J, 3) [m].
+        """
+        count = len(angles)
+        turns, places = [np.broadcast_to(np.eye(3), (count, 1, 3, 3))], [np.zeros((count, 1, 3))]
+        for i, leg in enumerate(self.model.legs):
+            turn, place = leg.chain.frames(angles[:, self.legs == i])
+            turns.append(turn)
+            places.append(place)
+        return np.concatenate(turns, axis=1), np.concatenate(places, axis=1)
+
     def foot_frames(self, angles: Array) -> Array:
         """Orientations of the feet in the base's frame, shape (N, 3, 3)."""
-        self._pin.framesForwardKinematics(self.known, self._data, self.configuration(angles))
+        self._placed(angles)
         return np.array([self._data.oMf[frame].rotation for frame in self._feet])
 
     def com_offset(self, angles: Array) -> Array:
         """The whole robot's centre of mass in the base's frame, shape (3,) [m]: paper E takes it for ``origin_m``."""
-        return np.array(self._pin.centerOfMass(self.known, self._data, self.configuration(angles)))
+        return np.array(self._pin.centerOfMass(self.known, self._masses, self.configuration(angles)))
 
     def torques(self, angles: Array, rotation: Array, forces_n: Array) -> Array:
         """τ = g(q) − Σ Jᵢᵀ fᵢ: what the joints give so that the robot stands still, shape (J,) [Nm].
@@ -254,7 +272,7 @@ class Kinematics:
         Returns g, shape (J,) [Nm], and levers, shape (J, 3) [m].
         """
         self.known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
-        weight = self._pin.computeGeneralizedGravity(self.known, self._data, self.configuration(angles))
+        weight = self._pin.computeGeneralizedGravity(self.known, self._masses, self.configuration(angles))
         self._placed(angles)
         return np.array(weight)[self.columns], self._jacobian()[self.legs, :, self._nth] @ rotation.T
 
@@ -265,9 +283,9 @@ class Kinematics:
         down, along = np.array([0.0, 0.0, -self.gravity_m_s2]), np.empty((known.nv, 3))
         for axis in range(3):  # g is linear in gravity
             known.gravity.linear = np.eye(3)[axis]
-            along[:, axis] = pin.computeGeneralizedGravity(known, self._data, q)
+            along[:, axis] = pin.computeGeneralizedGravity(known, self._masses, q)
         known.gravity.linear = rotation.T @ down
-        slopes = pin.computeGeneralizedGravityDerivatives(known, self._data, q)
+        slopes = pin.computeGeneralizedGravityDerivatives(known, self._masses, q)
         turned = along[self.columns] @ rotation.T @ np.cross(down, np.eye(3)).T  # δ(Rᵀ g) = Rᵀ (g × δ)
         return np.array(slopes[np.ix_(self.columns, self.columns)]), turned
 
@@ -277,12 +295,19 @@ class Kinematics:
         rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
         rates[self.columns], pushed[self.columns] = velocity, acceleration
         known.gravity.linear = np.zeros(3)
-        return np.asarray(pin.rnea(known, self._data, self.configuration(angles), rates, pushed)[self.columns])
+        return np.asarray(pin.rnea(known, self._masses, self.configuration(angles), rates, pushed)[self.columns])
 
     def _placed(self, angles: Array) -> Array:
-        """Centres of the feet, shape (N, 3), after which ``_jacobian`` is of the same posture."""
-        self._pin.computeJointJacobians(self.known, self._data, self.configuration(angles))
-        self._pin.updateFramePlacements(self.known, self._data)
+        """Centres of the feet, shape (N, 3), after which ``_jacobian`` is of the same posture.
+
+        A posture that was placed last is not placed again.
+        """
+        asked = np.asarray(angles, dtype=np.float64).tobytes()
+        if asked != self._at:
+            self._at = b""
+            self._pin.computeJointJacobians(self.known, self._data, self.configuration(angles))
+            self._pin.updateFramePlacements(self.known, self._data)
+            self._at = asked
         return np.array([self._data.oMf[foot].translation for foot in self._feet])
 
     def _jacobian(self) -> Array:

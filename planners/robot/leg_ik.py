@@ -14,7 +14,7 @@ import numpy as np
 from ..files.arrays import Array
 from .model import Robot
 from .rotation import rotation_of
-from .urdf import Servo, link_lengths, outward_rad
+from .urdf import JOINTS, Servo, link_lengths, outward_rad
 
 if TYPE_CHECKING:
     from ..terrain.prism import Solid
@@ -102,16 +102,19 @@ def limb_postures(
     the world, where the obstacles are: its origin, shape (3,) [m], and R_WB.
     """
     origin, turn = pose
-    found = list[Array]()
-    for i, limb in enumerate(robot.limbs):
-        frame, shoulder = rotation_of([0.0, 0.0, outward_rad(limb)]), origin + turn @ limb.shoulder_m
-        posture = limb_posture(
-            link_lengths(limb), frame.T @ (feet[i] - limb.shoulder_m), frame.T @ approach[i], servo,
-            near=None if near is None else near[i],
-            clearance=clearance_of(shoulder, turn @ frame, obstacles, NEAR * limb.reach_m),
+    frames = np.array([rotation_of([0.0, 0.0, outward_rad(limb)]) for limb in robot.limbs])
+    shoulders = np.array([limb.shoulder_m for limb in robot.limbs])
+    targets, ways = ((part[:, None] @ frames)[:, 0] for part in (feet - shoulders, approach))
+    found = np.empty((len(robot.limbs), len(JOINTS)))
+    for reach_m in {limb.reach_m: None for limb in robot.limbs}:  # limbs of a size at once
+        its = np.array([i for i, limb in enumerate(robot.limbs) if limb.reach_m == reach_m])
+        clearance = clearance_of(origin + shoulders[its] @ turn.T, turn @ frames[its], obstacles, NEAR * reach_m)
+        family, cost = posture_cost(
+            link_lengths(robot.limbs[its[0]]), targets[its], ways[its], servo,
+            near=None if near is None else near[its], clearance=clearance,
         )  # fmt: skip
-        found.append(posture)
-    return np.concatenate(found)
+        found[its] = family[np.arange(len(its)), np.argmin(cost, axis=1)]
+    return found.ravel()
 
 
 def swivels(lengths: Array, target: Array) -> Array:

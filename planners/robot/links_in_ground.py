@@ -30,18 +30,20 @@ class LinksInGround:
         self._surfaces = [surface_points(each, APART_M) for each in points]
 
     def depths(
-        self, turns: Array, origins: Array, low: Array, high: Array, body: WholeBody
-    ) -> Iterator[tuple[int, float]]:
-        """Shapes whose boxes, corners (S, 3), may be in the ground, and how deep they are, negative above [m]; of feet
-        that stand on it what is outside the patch on which they touch."""
-        for shape in np.flatnonzero(self.ground.near(low, high)).tolist():
-            limb = int(self._feet[shape])
-            if limb < 0 or not body.stands[limb]:
-                yield shape, self.depth(turns, origins, shape)
-                continue
-            points = self._surfaces[shape] @ turns[shape].T + origins[shape]
-            apart = np.linalg.norm(points - body.toes_m[limb], axis=1) > self._patches_m[limb]
-            yield shape, float(self.ground.depth(points[apart]).max(initial=-np.inf))
+        self, turns: Array, origins: Array, low: Array, high: Array, bodies: WholeBody
+    ) -> Iterator[tuple[int, int, float]]:
+        """Moments and shapes whose boxes, corners (T, S, 3), may be in the ground, and how deep they are, negative
+        above [m]; of feet that stand on it what is outside the patch on which they touch."""
+        near = self.ground.near(low.reshape(-1, 3), high.reshape(-1, 3)).reshape(low.shape[:2])
+        for shape in np.flatnonzero(near.any(axis=0)).tolist():
+            its, limb = np.flatnonzero(near[:, shape]), int(self._feet[shape])
+            points = self._surfaces[shape] @ np.swapaxes(turns[its, shape], 1, 2) + origins[its, shape, None]
+            depths = self.ground.depth(points)
+            if limb >= 0:
+                apart = np.linalg.norm(points - bodies.toes_m[its, None, limb], axis=2) > self._patches_m[limb]
+                depths = np.where(apart | ~bodies.stands[its, None, limb], depths, -np.inf)
+            for t, depth in zip(its.tolist(), depths.max(axis=1).tolist(), strict=True):
+                yield t, shape, depth
 
     def depth(self, turns: Array, origins: Array, shape: int) -> float:
         """How deep a shape is [m]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from ..files.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WholeBody:
-    """A robot in the world, J joints, N limbs.
+    """A robot in the world, J joints, N limbs, at one moment; or at T moments, which every array then begins with.
 
     rotation, origin_m: R_WB and p_WB of the base's frame, shapes (3, 3), (3,) [m]. angles: shape (J,) [rad]. toes_m,
     normals: where limbs touch and of what surface, shape (N, 3); stands: which of them do, shape (N,).
@@ -24,6 +24,18 @@ class WholeBody:
     toes_m: Array
     normals: Array
     stands: NDArray[np.bool_]
+
+    @property
+    def moments(self) -> WholeBody:
+        """The same at T moments, one where it is one."""
+        return self if self.angles.ndim == 2 else self.at(None)
+
+    def at(self, rows: slice | NDArray[np.intp] | int | None) -> WholeBody:
+        """Some of the moments, by number."""
+        return replace(self, **{item.name: getattr(self, item.name)[rows] for item in fields(self)})
+
+    def __len__(self) -> int:
+        return len(self.moments.angles)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,18 +41,19 @@ def with_whole_body(
     if outcome.plan is None:
         return outcome
     plan, details, course, bent = outcome.plan, dict(outcome.details), outcome.plan.course, True
+    report: Report[Plan] | None = None
     try:
         check_time(deadline)
         solver = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
         found = whole_body(plan, limits, solver, start_rad, deadline=deadline)
-        plan, details, bent = found.plan, details | found.details, not found.late
+        plan, report, details, bent = found.plan, found.report, details | found.details, not found.late
     except TimeEnded:
         bent = False
     except InvalidInput:
         if limits.concern(course.robot):
             raise
-    LOG.info("plan: bent in %g steps; judging the whole body", details.get("torque_steps", 0.0))
-    report = check_plan(plan, joints=True, deadline=deadline)
+    LOG.info("plan: bent in %g steps", details.get("torque_steps", 0.0))
+    report = report or check_plan(plan, joints=True, deadline=deadline)  # which nothing was asked of yet
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
     return replace(

@@ -12,9 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull
 
 from ..files.arrays import Array
 from .patch import Patch
@@ -126,16 +123,20 @@ class Obstacles:
 
 def _joined(patches: Sequence[Patch]) -> list[list[int]]:
     """Numbers of patches that share corners, group by group."""
-    owner = np.repeat(np.arange(len(patches)), [len(patch.vertices_m) for patch in patches])
-    corners = np.round(np.concatenate([patch.vertices_m for patch in patches]) / WELD_M)
-    _, which = np.unique(corners, axis=0, return_inverse=True)
-    which = which.reshape(-1) + len(patches)
-    size = int(which.max()) + 1
-    shared = coo_array((np.ones(len(owner)), (owner, which)), shape=(size, size))
-    _, label = connected_components(shared, directed=False)
+    group, owners = list(range(len(patches))), dict[tuple[float, ...], int]()
+
+    def first(index: int) -> int:
+        while group[index] != index:
+            group[index] = group[group[index]]
+            index = group[index]
+        return index
+
+    for index, patch in enumerate(patches):
+        for corner in np.round(patch.vertices_m / WELD_M).tolist():
+            group[first(owners.setdefault(tuple(corner), index))] = first(index)
     groups = dict[int, list[int]]()
-    for index, group in enumerate(label[: len(patches)].tolist()):
-        groups.setdefault(group, []).append(index)
+    for index in range(len(patches)):
+        groups.setdefault(first(index), []).append(index)
     return list(groups.values())
 
 
@@ -147,6 +148,8 @@ def _area(patch: Patch) -> float:
 
 def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
     """All patches face outward on the hull of all of them, and leave nothing of it open."""
+    from scipy.spatial import ConvexHull  # slow to import
+
     middle = corners.mean(axis=0)
     flat = np.linalg.matrix_rank(corners - middle, tol=WELD_M) < 3
     if flat or any(((corners - patch.vertices_m[0]) @ patch.normal).max() > WELD_M for patch in patches):

@@ -11,6 +11,8 @@ from ..files.arrays import Array
 from .patch import Patch
 
 THICKNESS_M = 0.04
+FLAT_M = 1e-6
+"""A patch whose corners leave their plane by no more is flat."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,7 +31,24 @@ class Solid:
     @classmethod
     def behind(cls, patch: Patch, thickness_m: float = THICKNESS_M) -> Solid:
         """The patch with some thickness behind it."""
-        return cls.of_corners(_prism(patch, thickness_m))
+        corners = _prism(patch, thickness_m)
+        count = len(corners) // 2
+        heights = corners[:count] @ patch.normal
+        if np.ptp(heights) > FLAT_M:
+            return cls.of_corners(corners)  # bent as far as a patch may be
+        top = np.arange(count)
+        then = np.roll(top, -1)
+        around = np.cross(corners[:count], corners[then]).sum(axis=0) @ patch.normal
+        sides = np.sign(around) * np.cross(corners[then] - corners[:count], patch.normal)
+        sides /= np.linalg.norm(sides, axis=1)[:, None]
+        normals = np.vstack([patch.normal, -patch.normal, sides])
+        fan = np.stack([np.zeros_like(top[2:]), top[1:-1], top[2:]], axis=1)
+        walls = [np.stack([top, top + count, then], axis=1), np.stack([then, top + count, then + count], axis=1)]
+        triangles = np.concatenate([fan, fan[:, ::-1] + count, *walls])
+        return cls(
+            corners=corners, normals=normals, offsets_m=(normals @ corners.T).max(axis=1),
+            triangles=triangles if around > 0.0 else triangles[:, ::-1],
+        )  # fmt: skip
 
     @classmethod
     def of_corners(cls, corners: Array) -> Solid:

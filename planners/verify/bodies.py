@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -37,7 +36,9 @@ class BodyReport:
     postures: how many were judged; hit: how many of them a link is too deep in something in. worst: the deepest
     overlap; place: of it, for people, and frame, its key frame or progress between two. missing: what has no shape and
     was not judged. drawn_so: pairs of links that are inside each other in every posture, and are left out. astray: of
-    a foot that cannot follow its path; empty where all do.
+    a foot that cannot follow its path; empty where all do. short_m: what is missing to bodies that are clear: of the
+    depth in the terrain what is more than touch, of the distance between links what is less than ``ROOM_M``, and how
+    far a foot is off its path.
     """
 
     postures: int
@@ -47,6 +48,7 @@ class BodyReport:
     missing: tuple[str, ...]
     drawn_so: tuple[tuple[str, str], ...]
     astray: str = ""
+    short_m: float = 0.0
 
     @property
     def message(self) -> str:
@@ -77,6 +79,7 @@ class BodyReport:
                 "postures": self.postures,
                 "hit": self.hit,
                 "depth_m": depth_m,
+                "short_m": self.short_m,
                 "worst": worst,
                 "drawn_so": [list(pair) for pair in self.drawn_so],
             },
@@ -101,50 +104,48 @@ def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
 
 
 def bodies_report(
-    bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "", *, deadline: float = math.inf
+    bodies: Bodies,
+    frames: Array,
+    postures: WholeBody,
+    astray: tuple[str, float] = ("", 0.0),
+    *,
+    between: bool = False,
+    deadline: float = math.inf,
 ) -> BodyReport:
-    """Judge postures alone, each with its key frame; astray: as of ``BodyReport``; deadline: as of ``check_bodies``."""
-    return _report(bodies, ((frame, bodies.overlaps(posture)) for frame, posture in postures), astray, deadline)
+    """Judge postures.
 
-
-def motion_report(
-    bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "", *, deadline: float = math.inf
-) -> BodyReport:
-    """Judge postures that follow each other, each with its progress, and links on the way from one to the next.
-
-    Whether postures are near enough to each other to stand for the motion between them is their maker's to see to.
-    deadline: as of ``check_bodies``.
+    Arguments:
+        bodies: the robot's links, and the terrain.
+        frames: progress of every posture, shape (T,).
+        postures: the T postures.
+        astray: as of ``BodyReport``, and how far that foot is off its path [m].
+        between: whether the postures follow each other, and what is only on the way from one to the next is judged,
+            too. Whether they are near enough to each other to stand for the motion between them is their maker's to
+            see to.
+        deadline: as of ``check_bodies``.
     """
+    from ..robot.bodies import LINKS_M, ROOM_M, TOUCH_M  # slow to import
 
-    def found() -> Iterator[tuple[float, Sequence[Overlap]]]:
-        before: tuple[float, WholeBody] | None = None
-        for frame, posture in postures:
-            if before is not None:
-                for share, overlap in bodies.between(before[1], posture):
-                    yield before[0] + share * (frame - before[0]), (overlap,)
-            yield frame, bodies.overlaps(posture)
-            before = frame, posture
-
-    return _report(bodies, found(), astray, deadline)
-
-
-def _report(
-    bodies: Bodies, found: Iterable[tuple[float, Sequence[Overlap]]], astray: str, deadline: float
-) -> BodyReport:
-    """found: of every posture its progress, and what is too deep in something, the deepest first."""
-    deepest: Overlap | None = None
-    at, count, hit, missing = 0.0, 0, 0, bodies.missing
-    for frame, overlaps in found:
-        if time.perf_counter() > deadline:
+    deepest: tuple[Overlap, float] | None = None
+    count, hit, on_the_way, missing, at = 0, 0, 0, bodies.missing, np.arange(len(frames))
+    short_m = astray[1] if astray[0] else 0.0
+    for count, near in bodies.sweep(postures, links_m=-ROOM_M, between=between):
+        for _, overlap in near:
+            short_m = max(short_m, overlap.depth_m + (ROOM_M if overlap.other in bodies.links else -TOUCH_M))
+        found = [(moment, overlap) for moment, overlap in near if overlap.depth_m > LINKS_M]
+        ways = sum(moment % 1.0 > 0.0 for moment, _ in found)
+        hit += ways + len({moment for moment, _ in found if not moment % 1.0})
+        on_the_way += ways
+        for moment, overlap in sorted(found, key=lambda each: each[0]):
+            if deepest is None or overlap.depth_m > deepest[0].depth_m:
+                deepest = overlap, float(np.interp(moment, at, frames))
+        if time.perf_counter() > deadline and count < len(frames):
             missing = (f"{LATE} after {count} postures", *missing)
             break
-        count += 1
-        hit += bool(overlaps)
-        if overlaps and (deepest is None or overlaps[0].depth_m > deepest.depth_m):
-            deepest, at = overlaps[0], frame
+    worst, frame = deepest or (None, 0.0)
     return BodyReport(
-        postures=count, hit=hit, worst=deepest, frame=at, missing=missing, drawn_so=bodies.drawn_so,
-        astray=astray,
+        postures=count + on_the_way, hit=hit, worst=worst, frame=frame, missing=missing, drawn_so=bodies.drawn_so,
+        astray=astray[0], short_m=short_m,
     )  # fmt: skip
 
 
@@ -163,7 +164,7 @@ def check_bodies(
     from ..terrain.obstacles import Obstacles
 
     bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
-    keys = bodies_report(bodies, enumerate(key_postures(plan, angles)), deadline=deadline)
+    keys = bodies_report(bodies, np.arange(float(len(angles))), key_postures(plan, angles), deadline=deadline)
     found = keys.group("bodies")
     if plan.course.uncarried:
         return (found,)  # nobody asks for a motion
@@ -175,8 +176,10 @@ def check_bodies(
         moments, postures = JointPath(path, solver).judged()
     except InvalidInput as error:
         return found, Group("motion", unit="m", message=str(error), verdict="not checked")
-    astray = _astray(plan, moments.frame, postures.error_m) if postures.error_m.max() > STRAY_M else ""
-    motion = motion_report(bodies, path_bodies(path, moments, postures), astray, deadline=deadline)
+    stray_m = float(postures.error_m.max())
+    astray = (_astray(plan, moments.frame, postures.error_m), stray_m) if stray_m > STRAY_M else ("", 0.0)
+    on_path = path_bodies(path, moments, postures)
+    motion = bodies_report(bodies, moments.frame, on_path, astray, between=True, deadline=deadline)
     return found, motion.group("motion")
 
 

@@ -14,13 +14,13 @@ import numpy as np
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .bodies import motion_report, spaced
+from .bodies import bodies_report, spaced
 from .trajectory_limits import WHOLE_BODY, Limits
 from .trajectory_measurements import TrajectoryMeasurements
 from .trajectory_series import Rows, Series
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from numpy.typing import NDArray
 
     from ..motion.walk_joints import WalkPostures
     from ..robot.overlaps import WholeBody
@@ -165,23 +165,23 @@ class WholeBodyMeasurements:
         from ..terrain.obstacles import Obstacles
 
         bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.terrain))
-        report = motion_report(bodies, self.spaced())
+        report = bodies_report(bodies, *self.spaced(), between=True)
         if report.worst is None:
             return Series(np.zeros((1, 1)), ("",), self.times_s[:1]), report.missing
         names = f"{report.worst.link} in {report.worst.other}"
         return Series(np.array([[report.worst.depth_m]]), (names,), np.array([report.frame])), report.missing
 
-    def spaced(self) -> Iterator[tuple[float, WholeBody]]:
-        """Postures that are as near to each other as ``spaced`` has them, each with its time [s]."""
+    def spaced(self) -> tuple[Array, WholeBody]:
+        """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,) [s], and they."""
         points = np.concatenate([self.trajectory.feet_m, self.postures.origin_m[:, None]], axis=1)
-        for k in spaced(points, self.postures.angles):
-            yield float(self.times_s[k]), self.posture(int(k))
+        rows = spaced(points, self.postures.angles)
+        return self.times_s[rows], self.posture(rows)
 
-    def posture(self, sample: int) -> WholeBody:
-        """Where the whole robot is at a sample."""
+    def posture(self, samples: NDArray[np.intp] | int) -> WholeBody:
+        """Where the whole robot is at samples, or at one."""
         from ..robot.overlaps import WholeBody
 
-        walk, its, k = self.trajectory, self.postures, sample
+        walk, its, k = self.trajectory, self.postures, samples
         return WholeBody(
             rotation=walk.rotation[k], origin_m=its.origin_m[k], angles=its.angles[k], toes_m=walk.feet_m[k],
             normals=its.normals[k], stands=walk.contact[k],

@@ -8,10 +8,11 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.robot.bodies import Bodies
-from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.overlaps import WholeBody
+from stancekit.planners.robot.rotation import rotations_of
 from stancekit.planners.terrain.obstacles import Obstacles
-from stancekit.planners.verify.bodies import BodyReport, motion_report
+from stancekit.planners.verify.bodies import BodyReport, bodies_report
 from stancekit.planners.verify.bodies import spaced as rows_apart
 
 from ..control.tracker import Target
@@ -22,17 +23,21 @@ def motion_bodies(plan: Plan, targets: Sequence[Target], kinematics: Kinematics)
 
     targets: of the whole motion, as ``joint_profile`` has them.
     """
-    bodies = Bodies(kinematics, Obstacles.of(plan.course.terrain))
-    return motion_report(bodies, ((target.sample.frame, posture(target, kinematics)) for target in spaced(targets)))
+    bodies, some = Bodies(kinematics, Obstacles.of(plan.course.terrain)), list(spaced(targets))
+    frames = np.array([target.sample.frame for target in some])
+    return bodies_report(bodies, frames, postures(some, kinematics), between=True)
 
 
-def posture(target: Target, kinematics: Kinematics) -> WholeBody:
-    """Where the whole robot should be at the end of a control period."""
-    sample = target.sample
+def postures(targets: Sequence[Target], kinematics: Kinematics) -> WholeBody:
+    """Where the whole robot should be at the ends of control periods."""
+    samples = [target.sample for target in targets]
+    feet, normals = np.array([each.feet_m for each in samples]), np.array([each.normals for each in samples])
     return WholeBody(
-        rotation=rotation_of(sample.rotation_rad), origin_m=target.origin_m, angles=target.angles_rad,
-        toes_m=sample.feet_m - kinematics.radii_m[:, None] * sample.normals, normals=sample.normals,
-        stands=np.array(sample.foothold) >= 0,
+        rotation=rotations_of(np.array([each.rotation_rad for each in samples])),
+        origin_m=np.array([target.origin_m for target in targets]),
+        angles=np.array([target.angles_rad for target in targets]),
+        toes_m=feet - kinematics.radii_m[:, None] * normals, normals=normals,
+        stands=np.array([each.foothold for each in samples]) >= 0,
     )  # fmt: skip
 
 

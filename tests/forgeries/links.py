@@ -137,7 +137,7 @@ def _motion(answer: Plan | Trajectory) -> tuple[RobotModel, Array]:
         return answer.course.robot.model, JointPath(PlanPath(answer), solver).judged()[1].angles
     assert answer.robot.model is not None
     body = WholeBodyMeasurements(TrajectoryMeasurements(answer))
-    return answer.robot.model, np.array([posture.angles for _, posture in body.spaced()])
+    return answer.robot.model, body.spaced()[1].angles
 
 
 def _with_model(answer: Plan | Trajectory, model: RobotModel) -> Any:

@@ -23,7 +23,7 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Target
-from stancekit.runner.motion.bodies import posture, spaced
+from stancekit.runner.motion.bodies import postures, spaced
 from stancekit.runner.motion.time_parametrization import RATE_HZ, undisturbed
 from stancekit.runner.motion.timeline import PlanMotion
 from stancekit.runner.run import Runner
@@ -53,8 +53,8 @@ def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(targe
 
 def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(plan: Plan, targets: list[Target]) -> None:
     """The motion moves the middles of round feet; a plan's toes are the points that touch."""
-    first = posture(targets[0], Kinematics(plan.course.robot))
-    np.testing.assert_allclose(first.toes_m, plan.toes_at(0), atol=1e-9)
+    first = postures(targets[:1], Kinematics(plan.course.robot))
+    np.testing.assert_allclose(first.toes_m[0], plan.toes_at(0), atol=1e-9)
     assert first.stands.all()
 
 

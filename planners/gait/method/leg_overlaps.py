@@ -33,9 +33,10 @@ def leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
     bodies = Bodies(body.kinematics, Obstacles.under(walk.terrain))
     slopes = _Slopes(body, bodies)
     deepest = dict[tuple[int, str, str], Overlap]()
-    for time_s, posture in body.spaced():
-        at = time_s / structure.settings.step_s
-        for each in bodies.overlaps(posture, terrain_m=0.0, links_m=0.0):
+    times_s, postures = body.spaced()
+    for _, block in bodies.sweep(postures, terrain_m=0.0, links_m=0.0, between=False):
+        for moment, each in block:
+            at = times_s[int(moment)] / structure.settings.step_s
             for node in {int(np.floor(at)), int(np.ceil(at))}:
                 key = node, each.link, each.other
                 if key not in deepest or deepest[key].depth_m < each.depth_m:

@@ -112,28 +112,27 @@ class Layout:
 
     def foot_rows(self, foot: int, times_s: Array, order: int = 0) -> csr_array:
         """Rows of p̄_i at times, by the schedule's switching times, shape (3 len(times), size)."""
-        entries, triplets = self.feet[foot], _Triplets()
-        phase = entries.phases.phase_at(times_s)
-        for at, (time, number) in enumerate(zip(times_s, phase, strict=True)):
-            index = int(number) // 2
-            if number % 2 == 0:
-                if order == 0:
-                    triplets.add(at, entries.stances[index], 1.0)
-                continue
-            begin, end = entries.phases.swing(index)
-            piece, share = divmod(2.0 * (time - begin) / (end - begin), 1.0)
-            half = 0.5 * (end - begin)
-            start, start_speed, stop, stop_speed = (weight / half**order for weight in hermite(share, order))
-            middle, speed = entries.swings[index, :3], entries.swings[index, 3:]
-            if piece == 0:
-                triplets.add(at, entries.stances[index], start)
-                triplets.add(at, middle, stop)
-                triplets.add(at, speed, half * stop_speed)
-            else:
-                triplets.add(at, middle, start)
-                triplets.add(at, speed, half * start_speed)
-                triplets.add(at, entries.stances[index + 1], stop)
-        return triplets.matrix(len(times_s), self.size)
+        entries, triplets, times = self.feet[foot], _Triplets(), np.asarray(times_s, dtype=np.float64)
+        phase = entries.phases.phase_at(times)
+        if order == 0:
+            stands = np.flatnonzero(phase % 2 == 0)
+            triplets.add(stands, entries.stances[phase[stands] // 2], np.ones(len(stands)))
+        swings = np.flatnonzero(phase % 2 == 1)
+        edges, index = entries.phases.edges_s, phase[swings] // 2
+        begin, end = edges[2 * index + 1], edges[2 * index + 2]
+        piece, share = np.divmod(2.0 * (times[swings] - begin) / (end - begin), 1.0)
+        half = 0.5 * (end - begin)
+        weights = np.array([hermite(one, order) for one in share.tolist()]).reshape(-1, 4)  # arrays' powers are others
+        start, start_speed, stop, stop_speed = weights.T / half**order
+        middle, speed = entries.swings[index, :3], entries.swings[index, 3:]
+        up, down = np.flatnonzero(piece == 0), np.flatnonzero(piece != 0)
+        triplets.add(swings[up], entries.stances[index[up]], start[up])
+        triplets.add(swings[up], middle[up], stop[up])
+        triplets.add(swings[up], speed[up], (half * stop_speed)[up])
+        triplets.add(swings[down], middle[down], start[down])
+        triplets.add(swings[down], speed[down], (half * start_speed)[down])
+        triplets.add(swings[down], entries.stances[index[down] + 1], stop[down])
+        return triplets.matrix(len(times), self.size)
 
     def force_rows(self, foot: int, times_s: Array, order: int = 0) -> csr_array:
         """Rows of f̄_i at times, zero in swing, shape (3 len(times), size)."""
@@ -173,11 +172,11 @@ class _Triplets:
     def __init__(self) -> None:
         self._at, self._entries, self._weights = list[Index](), list[Index](), list[Array]()
 
-    def add(self, at: int | Index, entries: Index, weights: float | Array) -> None:
-        """So many times three rows: at, weights of shape () or (n,); entries, of shape (3,) or (n, 3)."""
-        self._at.append(np.atleast_1d(at))
-        self._entries.append(np.atleast_2d(entries))
-        self._weights.append(np.atleast_1d(weights))
+    def add(self, at: Index, entries: Index, weights: Array) -> None:
+        """So many times three rows: at, weights of shape (n,); entries, of shape (n, 3)."""
+        self._at.append(at)
+        self._entries.append(entries)
+        self._weights.append(weights)
 
     def matrix(self, count: int, size: int) -> csr_array:
         if not self._at:

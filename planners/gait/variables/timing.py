@@ -64,11 +64,13 @@ def scheduled_groups(
     for foot, entries in enumerate(layout.feet):
         stands = entries.phases.stands(times_s)
         places, forces = layout.foot_rows(foot, times_s), _mean_rows(layout, foot, times_s, step_s)
-        for node in range(len(times_s)):
-            where, standing = slice(3 * node, 3 * node + 3), bool(stands[node])
-            at[standing].append((foot, node))
-            place = places[where]
-            rows[standing] += [place[:2] if layout.flat else place, forces[where]] if standing else [place]
+        both, nodes = csr_array(vstack([places, forces])), 3 * np.arange(len(times_s))[:, None]
+        place = nodes + np.arange(2 if layout.flat else 3)
+        on_ground_too = np.hstack([place, places.shape[0] + nodes + np.arange(3)])
+        for standing, its in ((True, on_ground_too), (False, nodes + np.arange(3))):
+            chosen = np.flatnonzero(stands == standing)
+            at[standing] += [(foot, node) for node in chosen.tolist()]
+            rows[standing].append(csr_array(both[its[chosen].ravel()]))
     width, features = (5, on_ground) if layout.flat else (6, identity)
     kinds: list[tuple[bool, str, int, Features]] = [(True, "stance", width, features), (False, "swing", 3, identity)]
     groups = []

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,6 +131,12 @@ def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Plan) -> N
     assert " inside the body of patches 1 to 6" in outcome.message
 
 
+def looks(plan: Plan) -> list[Mapping[str, Any]]:
+    """What the verifier says of bodies, at key frames and on the way."""
+    report = check_plan(plan, joints=True)
+    return [report.bodies, report.motion]
+
+
 def test_links_that_come_too_near_to_each_other_are_bent_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Between walls thighs come to 30 mm of the body: what is too near is what is as near as the nearest, and .5
     mm more. Hips, always 25 mm from it, are left out."""
@@ -139,14 +146,13 @@ def test_links_that_come_too_near_to_each_other_are_bent_apart(monkeypatch: pyte
     solver = Kinematics(plan.course.robot)
     hips = tuple(("body", f"{limb}_hip") for limb in plan.course.robot.limb_names)
     monkeypatch.setattr(bodies, "_DRAWN_SO", {solver.model: bodies.Bodies(solver).drawn_so + hips})
-    looks = PathClearance(plan, solver)
-    assert looks.depths(plan) == (0.0, 0.0)
-    monkeypatch.setattr(clearance, "ROOM_M", 0.05)
-    depth, missing = looks.depths(plan)
-    least = 0.05 - missing  # distance of the nearest two
-    assert depth == 0.0
+    assert all(looked[name] == 0.0 for looked in looks(plan) for name in ("depth_m", "short_m"))
+    monkeypatch.setattr(bodies, "ROOM_M", 0.05)
+    found = looks(plan)
+    least = 0.05 - max(looked["short_m"] for looked in found)  # distance of the nearest two
+    assert all(looked["depth_m"] == 0.0 for looked in found)
     assert 0.0 < least < 0.05
-    monkeypatch.setattr(clearance, "ROOM_M", least + 0.0005)
+    monkeypatch.setattr(bodies, "ROOM_M", least + 0.0005)
     found = whole_body(plan, WholeBodyLimits(clearance_m=least + 0.003))
     assert found.before.too_near_m == pytest.approx(0.0005, abs=1e-6)
     assert found.after.too_near_m == 0.0

@@ -4,6 +4,7 @@ plans that are bent to torque limits, and never to worse ones."""
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cvxpy as cp
 import numpy as np
@@ -178,9 +179,17 @@ def test_what_comes_is_accepted_and_never_worse(climb: Plan, torque_nm: float) -
 
 
 def test_a_result_that_the_verifier_refuses_is_none(climb: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    refused = type("Refused", (), {"accepted": False})()
-    monkeypatch.setattr("stancekit.planners.projection.whole_body.check_plan", lambda plan: refused)
+    refused = type("Refused", (), {"accepted": False, "contacts": False, "late": False, "bodies": {}, "motion": {}})()
+    asked = list[Plan]()
+
+    def check(plan: Plan, **options: Any) -> Any:
+        """Only the plan as it came is accepted."""
+        asked.append(plan)
+        return refused if asked[1:] else check_plan(plan, **options)
+
+    monkeypatch.setattr("stancekit.planners.projection.whole_body.check_plan", check)
     bent = whole_body(climb, WholeBodyLimits(torque_nm=10.0, steps=2))
+    assert len(asked) > 1
     assert (bent.steps, bent.after) == (0, bent.before)
     for name in ("com_m", "rotation_rad", "toes_m", "forces_n"):
         np.testing.assert_array_equal(getattr(bent.plan, name), getattr(climb, name))

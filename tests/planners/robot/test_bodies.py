@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.overlaps import WholeBody
+from stancekit.planners.robot.overlaps import Overlap, WholeBody
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -65,6 +65,13 @@ def standing(made: Bodies, height: float, *, toes: object = None, turn: object =
         toes_m=np.zeros((len(legs), 3)) if toes is None else np.asarray(toes), normals=np.tile(UP, (len(legs), 1)),
         stands=np.full(len(legs), toes is not None),
     )  # fmt: skip
+
+
+def swept(made: Bodies, *postures: WholeBody) -> list[tuple[float, Overlap]]:
+    """What overlaps on the way through postures, each with its moment."""
+    way = replace(postures[0], **{of.name: np.array([getattr(each, of.name) for each in postures])
+                                  for of in fields(WholeBody)})  # fmt: skip
+    return [each for _, block in made.sweep(way) for each in block]
 
 
 @pytest.mark.parametrize("depth", [0.0011, 0.004, 0.015])
@@ -167,13 +174,13 @@ def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_
         alone = bodies([ball])
         first = standing(alone, 1.0)
         last = replace(first, angles=first.angles + rng.uniform(-0.3, 0.3, len(first.angles)))
-        middle = alone._placed(0.5 * (first.angles + last.angles))[1][0]
+        middle = alone._placed(0.5 * (first.angles + last.angles)[None])[1][0, 0]
         made = bodies([ball, shape("base", "sphere", [radius], at=middle + rng.normal(scale=0.01, size=3))])
         way = first.angles + np.linspace(0.0, 1.0, 1000)[:, None] * (last.angles - first.angles)
-        centres = np.array([made._placed(angles)[1] for angles in way])
+        centres = made._placed(way)[1]
         depths = 2.0 * radius - np.linalg.norm(centres[:, 0] - centres[:, 1], axis=1)
         if max(depths[0], depths[-1], LINKS_M - np.abs(depths.max() - LINKS_M)) < 0.8 * LINKS_M:
-            between = [overlap.depth_m for _, overlap in made.between(first, last)]
+            between = [overlap.depth_m for at, overlap in swept(made, first, last) if at % 1.0]
             assert bool(between) == (depths.max() > LINKS_M)
             assert max(between, default=0.0) <= max(depths.max(), 0.0) + 1e-6
             found.append(bool(between))

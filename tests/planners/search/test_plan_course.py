@@ -25,7 +25,7 @@ from stancekit.planners.search.plan_course import UNPROVED, plan_course
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.verify import check_certificate, check_plan
+from stancekit.planners.verify import Report, check_certificate, check_plan
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
@@ -170,12 +170,12 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
 def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_bodies(
     climb: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from stancekit.planners.projection.clearance import PathClearance
+    from stancekit.planners.projection import whole_body
 
-    def ended(self: PathClearance, plan: Plan) -> tuple[float, float]:
+    def ended(plan: Plan, **_: object) -> Report:
         raise TimeEnded("the time limit ended")
 
-    monkeypatch.setattr(PathClearance, "depths", ended)
+    monkeypatch.setattr(whole_body, "check_plan", ended)
     outcome = plan_course(climb.course, Walked(climb), limits=WholeBodyLimits())
     assert outcome.plan is not None
     assert outcome.plan.joints_rad is not None

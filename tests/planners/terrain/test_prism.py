@@ -45,3 +45,18 @@ def test_a_corner_that_is_given_twice_does_no_harm() -> None:
         vertices_m=TRIANGLE.vertices_m[[0, 1, 1, 2]], normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5
     )
     assert len(Solid.behind(doubled).corners) == 6
+
+
+def test_it_is_the_hull_of_its_corners_whichever_way_its_border_turns() -> None:
+    rng = np.random.default_rng(3)
+    for count in (3, 4, 7):
+        turn = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))[:: rng.choice([-1, 1])]
+        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        border = rng.normal(size=3) + 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=1) @ axes[:2]
+        patch = Patch(vertices_m=border, normal=axes[2], shear_reference=axes[0], friction=0.5)
+        solid, hull = Solid.behind(patch), Solid.of_corners(Solid.behind(patch).corners)
+        points = border.mean(axis=0) + rng.normal(size=(200, 3))
+        np.testing.assert_allclose(solid.distance(points), hull.distance(points), atol=1e-9)
+        volumes = [np.linalg.det(of.corners[of.triangles]).sum() / 6.0 for of in (solid, hull)]
+        assert volumes[0] == pytest.approx(volumes[1], abs=1e-9)
+        assert volumes[0] > 0.0
