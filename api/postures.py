@@ -12,6 +12,8 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
+from stancekit.planners.formats.answer_file import read_envelopes
+from stancekit.planners.formats.answer_file import read_problems as read_problems
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.robot.model import Robot
@@ -113,16 +115,28 @@ def solve(
     """
     beside = ("problem", "method", "time_limit_s", "engine")
     settings = old_arguments("solve", old, OLD, beside) if old else {}
-    envelopes = getattr(method, "envelopes", settings.get("envelopes"))
-    if envelopes is not None and hasattr(envelopes, "check_fits"):
-        envelopes.check_fits(problem)
     if isinstance(method, str | Method):
-        programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-        options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
-        return make_planner(method, options, **settings).solve(problem)
+        return planner_of(method, time_limit_s=time_limit_s, engine=engine, **settings).solve(problem)
     for name, given in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
         if given not in (None, "rows"):
             raise InvalidInput(
                 f"{name}: expected none for a planner that was made before, which has no use for it, got {given!r}"
             )
     return through_verifier(method).solve(problem)
+
+
+def planner_of(
+    method: str | Method,
+    *,
+    time_limit_s: float | None = None,
+    engine: Literal["rows", "cvxpy"] = "rows",
+    **settings: Any,
+) -> Planner:
+    """The planner of a method, to be asked many problems; arguments as for ``solve``.
+
+    settings: of a method that is text, by name; envelopes may be a file. Raises InvalidInput likewise.
+    """
+    if isinstance(settings.get("envelopes"), str | Path):
+        settings["envelopes"] = read_envelopes(settings["envelopes"])
+    programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
+    return make_planner(method, PlannerOptions(time_limit_s=time_limit_s, programs=programs), **settings)
