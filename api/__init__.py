@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .answers import explain as explain
     from .answers import verify as verify
     from .courses import plan as plan
+    from .datasets import label as label
     from .envs.data.dataset import Dataset as Dataset
     from .files import load as load
     from .files import save as save
@@ -75,7 +76,6 @@ if TYPE_CHECKING:
     from .selectors import evaluate as evaluate
     from .selectors import export as export
     from .selectors import fit as fit
-    from .selectors import label as label
     from .terrains import terrain as terrain
     from .walks import walk as walk
 
@@ -84,6 +84,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "answers": ("explain", "verify"),
     "courses": ("plan",),
+    "datasets": ("label",),
     "envs.data.dataset": ("Dataset",),
     "files": ("load", "save"),
     "learners.data.export": ("Exported",),
@@ -115,7 +116,7 @@ _HOMES = {
     "runner.control.loop_report": ("LoopReport",),
     "runner.report": ("RunReport",),
     "runner.settings": ("RunSettings",),
-    "selectors": ("evaluate", "export", "fit", "label"),
+    "selectors": ("evaluate", "export", "fit"),
     "terrains": ("terrain",),
     "walks": ("walk",),
 }
