@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .planners.answer.trajectory import Trajectory as Trajectory
     from .planners.errors import InvalidInput as InvalidInput
     from .planners.errors import StancekitError as StancekitError
+    from .planners.formats.file_check import FileCheck as FileCheck
     from .planners.gait.method.portfolio import GaitPlan as GaitPlan
     from .planners.problem.course import Course as Course
     from .planners.problem.posture import Contact as Contact
@@ -99,6 +100,7 @@ _HOMES = {
     "planners.answer.report": ("Group", "Report"),
     "planners.answer.trajectory": ("Trajectory",),
     "planners.errors": ("InvalidInput", "StancekitError"),
+    "planners.formats.file_check": ("FileCheck",),
     "planners.gait.method.portfolio": ("GaitPlan",),
     "planners.problem.course": ("Course",),
     "planners.problem.posture": ("Contact", "PostureProblem"),

@@ -13,7 +13,7 @@ VERBS = (
     "simulate", "solve", "terrain", "verify", "walk",
 )  # fmt: skip
 BY_NAME = {
-    ("fit", "settings"), ("label", "old"), ("plan", "old"), ("solve", "old"), ("terrain", "meaning"), ("walk", "task"),
+    ("fit", "settings"), ("label", "further"), ("plan", "old"), ("solve", "old"), ("terrain", "meaning"), ("walk", "task"),
 }  # fmt: skip
 """Arguments that have names of their own, checked by who knows them."""
 
