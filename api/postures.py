@@ -134,9 +134,9 @@ def planner_of(
 ) -> Planner:
     """The planner of a method, to be asked many problems; arguments as for ``solve``.
 
-    settings: of a method that is text, by name; envelopes may be a file. Raises InvalidInput likewise.
+    settings: of a method that is text, by name; envelopes may be the ``Path`` of a file. Raises InvalidInput likewise.
     """
-    if isinstance(settings.get("envelopes"), str | Path):
+    if isinstance(settings.get("envelopes"), Path):
         settings["envelopes"] = read_envelopes(settings["envelopes"])
     programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
     return make_planner(method, PlannerOptions(time_limit_s=time_limit_s, programs=programs), **settings)
