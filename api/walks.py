@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,8 +24,17 @@ from stancekit.planners.terrain.reference import named_terrain
 
 from .upgrading import old_arguments
 
-FURTHER = ("start_yaw_rad", "end_yaw_rad", "friction", "adhesive", "suction_n", "cycle_s", "timings")
-"""Fields of a ``GaitTask`` that ``walk`` takes by their names."""
+FURTHER = (
+    "start_yaw_rad",
+    "end_yaw_rad",
+    "friction",
+    "adhesive",
+    "suction_n",
+    "cycle_s",
+    "timings",
+    "total_iterations",
+)
+"""A limit, and fields of a ``GaitTask``, that ``walk`` takes by their names."""
 OLD = {
     "heading_rad": "walk(..., start_yaw_rad=...)",
     "heading_end_rad": "walk(..., end_yaw_rad=...)",
@@ -62,7 +72,9 @@ def walk(
         task: further fields of ``GaitTask``: start_yaw_rad, end_yaw_rad (which way it faces at the start, from x
             towards y, and at the end; it turns by the difference of the two [rad]), friction (Coulomb's ν of the
             ground, 0.75), adhesive (names of feet that stick: they may pull), suction_n (with how much; twice the
-            weight where it is missing [N]), cycle_s (of the gait; its own where it is missing [s]), timings.
+            weight where it is missing [N]), cycle_s (of the gait; its own where it is missing [s]), timings. Beside
+            them total_iterations, a limit of the solvers' iterations: with a ``time_limit_s`` that is never met, 1e6,
+            the walk is the same on a busy computer.
     Returns:
         A ``GaitPlan``: ``trajectory`` is the walk that the verifier accepted, None where there is none, and ``message``
         says in one line what came of it.
@@ -87,6 +99,10 @@ def walk(
     given |= moved
     limit_s = given.pop("time_limit_s", time_limit_s)
     checked_number(limit_s, "time_limit_s", above=0.0)
+    iterations = given.pop("total_iterations", None)
+    caps = Caps(total_s=limit_s, total_iterations=iterations)
+    if iterations is not None:
+        caps = replace(caps, solve_s=limit_s)
     body = walker_from(robot)
     sticky = given.pop("adhesive", ())
     if isinstance(sticky, str) or not isinstance(sticky, Sequence):
@@ -106,7 +122,7 @@ def walk(
     )
     attempts = None if chart == "portfolio" else [Attempt(chart=chart)]
     with interruptible(signal.SIGINT) as interrupted:
-        found = plan_gait(asked, progress=lambda *at: interrupted(), caps=Caps(total_s=limit_s), attempts=attempts)
+        found = plan_gait(asked, progress=lambda *at: interrupted(), caps=caps, attempts=attempts)
     if found.stopped:
         raise KeyboardInterrupt
     return found

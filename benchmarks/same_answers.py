@@ -136,6 +136,8 @@ class SameAnswers:
             for name, work in cases():
                 print(json.dumps([name, digest(work())]), flush=True)
             return 0
+        if not (self.against / ".editable").is_dir():
+            raise SystemExit(f"--against: expected a checkout with its links made, got {self.against}")
         mine, other = (self._asked(root) for root in (ROOT, self.against.resolve()))
         differ = [name for name in mine if mine[name] != other.get(name)]
         for name in differ:

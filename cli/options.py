@@ -45,7 +45,7 @@ def check_planner(command: Any, by: str, known: Sequence[str], planners: Any) ->
         setting = "envelopes" if field.name == "envelope" else field.name
         if setting in every and setting not in takes[chosen] and getattr(command, field.name) != field.default:
             fitting = " or ".join(name for name in known if setting in takes[name])
-            raise InvalidInput(f"--{field.name}: expected --{by} {fitting} with it, got {chosen}")
+            raise InvalidInput(f"--{field.name.replace('_', '-')}: expected --{by} {fitting} with it, got {chosen}")
 
 
 def check_drawn(picture: Path | None = None, video: Path | None = None, html: Path | None = None) -> None:

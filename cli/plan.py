@@ -27,7 +27,17 @@ if TYPE_CHECKING:
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
-SETTINGS = ("planner", "relaxation", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
+SETTINGS = (
+    "planner",
+    "relaxation",
+    "envelope",
+    "envelopes",
+    "projection",
+    "solver",
+    "intervals",
+    "max_solves",
+    "time_limit_s",
+)
 """What a planner's complaint may begin with that is an option here."""
 
 
@@ -97,6 +107,9 @@ class PlanCourse:
     time_limit_s: float = 60.0
     """Limit for all of it, bending and judging included; what is not decided by then is undecided, and what there is so
     far is said and written [s]."""
+    max_solves: OptionalInt = None
+    """Limit of convex solves of each search for contacts, beside the time: with a time that is never met, a plan is the
+    same on a busy computer. two-stage and exact."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
     proof: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
@@ -200,6 +213,7 @@ class PlanCourse:
             "envelopes": None if self.envelope is None else read_boxes(self.envelope),
             "projection": self.projection,
             "reserve": self.reserve,
+            "max_solves": self.max_solves,
             "solver": self.solver,
             "intervals": self.intervals,
         }

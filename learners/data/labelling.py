@@ -133,6 +133,8 @@ def label(
     def report() -> None:
         drawn, rows = (sum(getattr(tally, name).total for tally in done.values()) for name in ("drawn", "rows"))
         rate = (drawn - earlier) / max(time.perf_counter() - begin, 1e-9)
+        counts = (len(done), plan.shards, rows, drawn, rate)
+        log.info("label: %d of %d shards, %d rows of %d drawn, %.0f a second", *counts)
         if progress is not None:
             progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
 

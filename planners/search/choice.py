@@ -42,11 +42,10 @@ Project = Callable[[Scaled, Point, bool], Point]
 class Limits:
     """Where a search stops. gap: relative to the best plan's objective; None stops at the first plan.
 
-    share: of the time limit, for a search that has met a choice that P1 admits and P2 finds no plan for.
+    share: of the clock's limits, for a search that has met a choice that P1 admits and P2 finds no plan for.
     """
 
     max_nodes: int
-    time_limit_s: float
     gap: float | None = None
     share: float = 1.0
 
@@ -82,7 +81,8 @@ class ChoiceSearch:
         ended = [float("inf")]  # bounds of parts given up
         while stack and not (self._limits.gap is None and self.found is not None):
             if self.nodes >= self._limits.max_nodes or self._late():
-                limit = f"{self._limits.max_nodes} nodes" if self.nodes >= self._limits.max_nodes else "its time limit"
+                at_nodes = self.nodes >= self._limits.max_nodes
+                limit = f"{self._limits.max_nodes} nodes" if at_nodes else self._clock.limit
                 self._open_end = self.limited = True
                 self.message = f"the search for patches met its limit ({limit})"
                 break
@@ -244,7 +244,7 @@ class ChoiceSearch:
         chosen = self._scaled.chosen(choice)
         point = self._onto_surface(chosen, start, False)
         if not point.residual <= SURFACE:
-            if self._nogoods.learn(choice, self._limits.share * self._limits.time_limit_s):
+            if self._nogoods.learn(choice, self._limits.share):
                 return
             point = self._onto_surface(chosen, start, True)
         if point.residual <= SURFACE and cost(chosen, point) < self.upper:
@@ -257,7 +257,7 @@ class ChoiceSearch:
 
     def _late(self) -> bool:
         share = self._limits.share if self.tried and self.found is None else 1.0
-        return self._clock.elapsed() > share * self._limits.time_limit_s
+        return self._clock.ended(share)
 
     def _solve(self, scaled: Scaled) -> LiftAnswer:
         lifted = solve_lift(self._programs, scaled, least_moment=False)

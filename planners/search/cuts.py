@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import time
 from dataclasses import dataclass, field, replace
 
@@ -74,8 +75,8 @@ class CutSearch:
     """One search: for a point on the bilinear surface, or a proof that there is none.
 
     gap: moment residual at which a node counts as refuted, or ``PROVABLE``. tolerance: violation that a point may have.
-    max_nodes, deadline (``time.perf_counter()``): where to stop. root: the lift of the problem, where it is solved
-    already. wanted: of a search that counts only where it comes to this; it stops when it cannot any more.
+    max_nodes, deadline (``time.perf_counter()``), max_solves: where to stop. root: the lift of the problem, where it is
+    solved already. wanted: of a search that counts only where it comes to this; it stops when it cannot any more.
     found: choice, (P,), and point; stopped: why there is neither.
     """
 
@@ -88,12 +89,13 @@ class CutSearch:
         tolerance: float,
         max_nodes: int,
         deadline: float,
+        max_solves: float = math.inf,
         root: LiftAnswer | None = None,
         wanted: Status | None = None,
     ) -> None:
         self._programs, self._gap, self._wanted = programs, gap, wanted
         self._on_surface = max(SURFACE, 0.5 * tolerance)
-        self._max_nodes, self._deadline = max_nodes, deadline
+        self._max_nodes, self._deadline, self._max_solves = max_nodes, deadline, max_solves
         self._whole = scaled if scaled.weights is None else replace(scaled, weights=None)  # it has no objective
         self.solves = self.nodes = 0
         self.seconds = 0.0
@@ -110,7 +112,8 @@ class CutSearch:
             bound, _, node = heapq.heappop(queue)
             if bound > (self._gap or 0.0):
                 return  # best first: every open node is closed, too
-            if self.nodes > self._max_nodes or time.perf_counter() > self._deadline or not node.lift.solved:
+            late = time.perf_counter() > self._deadline or self.solves >= self._max_solves
+            if self.nodes > self._max_nodes or late or not node.lift.solved:
                 self.stopped = "stopped at the time, node or solver limit"
                 return
             if self._project(node) or self._in_vain(node):

@@ -44,8 +44,8 @@ class EnvelopeCoursePlanner(TimeLimited):
 
     envelopes: boxes in contact frames, learned for a stance of the course or its mirror image; with several, one is
     chosen a stance. Several sets are for stances on different limbs; ``StanceBoxes`` for the stances of one course.
-    ``Modes`` are boxes in world axes. relaxation: P1 over them, a class like ``McCormick``. max_nodes, time_limit_s: of
-    the search.
+    ``Modes`` are boxes in world axes. relaxation: P1 over them, a class like ``McCormick``. max_nodes, max_solves,
+    time_limit_s: of the search.
     """
 
     name = "two-stage"
@@ -59,6 +59,7 @@ class EnvelopeCoursePlanner(TimeLimited):
         reserve: bool = True,
         acceptance: Acceptance = Acceptance(),
         max_nodes: int = 200,
+        max_solves: int | None = None,
         time_limit_s: float = 60.0,
         programs: Programs | None = None,
     ) -> None:
@@ -68,12 +69,12 @@ class EnvelopeCoursePlanner(TimeLimited):
         self.axes: Axes = "world" if isinstance(envelopes, Modes) else "contact"
         self.projection: Projection = projection
         self.acceptance, self.reserve = acceptance, reserve
-        self.max_nodes, self.time_limit_s = max_nodes, time_limit_s
+        self.max_nodes, self.max_solves, self.time_limit_s = max_nodes, max_solves, time_limit_s
         self.programs = programs or Programs()
 
     def solve(self, course: Course) -> PlanOutcome:
         """Plan one course. Raises InvalidInput that names the stance that the envelopes were not learned for."""
-        clock, scaled = Clock.start(), Scaled.of(course)
+        clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         learned = self.envelopes.boxes if isinstance(self.envelopes, Modes) else self.envelopes
         boxes = learned.boxes if isinstance(learned, StanceBoxes) else boxes_of(course, learned, self.axes)
         search = _Search(self, course, scaled, boxes, clock)
@@ -90,8 +91,10 @@ class EnvelopeCoursePlanner(TimeLimited):
         elif search.solved_none and len(boxes) == 1:
             details["margin"] = self.margin(scaled, boxes[0], clock).margin
             if np.isinf(details["margin"]):  # infeasible whatever the box: the lift may prove it
-                left_s = max(self.time_limit_s - clock.elapsed(), 0.0)
-                lift = TwoStageCoursePlanner(programs=self.programs, acceptance=self.acceptance, time_limit_s=left_s)
+                left_s, solves = clock.left()
+                lift = TwoStageCoursePlanner(
+                    programs=self.programs, acceptance=self.acceptance, time_limit_s=left_s, max_solves=solves
+                )
                 proof = lift.solve(course)
                 if proof.status is Status.INFEASIBLE:
                     return proof
@@ -178,8 +181,8 @@ class _Search:
             self._settle(_one_of(rough * whole + 0.5 * whole), allowed, np.inf)
         self._add(whole, allowed)
         while self._heap and self.found is None:
-            if self.nodes >= planner.max_nodes or self._clock.elapsed() > planner.time_limit_s:
-                limit = f"{planner.max_nodes} nodes" if self.nodes >= planner.max_nodes else "its time limit"
+            if self.nodes >= planner.max_nodes or self._clock.ended():
+                limit = f"{planner.max_nodes} nodes" if self.nodes >= planner.max_nodes else self._clock.limit
                 self.message, self._open_end = f"the search for choices met its limit ({limit})", True
                 return
             self._expand(*heapq.heappop(self._heap))

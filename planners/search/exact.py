@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import time
 from dataclasses import dataclass
 
@@ -40,8 +41,9 @@ class ExactPlanner:
     """Feasible with a witness, infeasible with a certificate, or undecided at a limit.
 
     acceptance: problems whose least moment residual lies between its two figures stay undecided.
-    max_nodes, time_limit_s: where to stop and say undecided. proposers: asked before any solver, and decided on by
-    the verifier, where problems come in batches (``batch``); one problem alone is solved sooner than they are asked.
+    max_nodes, max_solves, time_limit_s: where to stop and say undecided. proposers: asked before any solver, and
+    decided on by the verifier, where problems come in batches (``batch``); one problem alone is solved sooner than they
+    are asked.
     """
 
     name = "exact"
@@ -51,6 +53,7 @@ class ExactPlanner:
         *,
         acceptance: Acceptance = Acceptance(),
         max_nodes: int = 2000,
+        max_solves: int | None = None,
         time_limit_s: float = 30.0,
         programs: Programs | None = None,
         proposers: Proposer | None = None,
@@ -59,7 +62,7 @@ class ExactPlanner:
             raise InvalidInput(f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}")
         checked_int(max_nodes, "max_nodes", least=0)
         self.acceptance = acceptance
-        self.max_nodes = max_nodes
+        self.max_nodes, self.max_solves = max_nodes, max_solves
         self.time_limit_s = time_limit_s
         self.programs = programs or Programs()
         self.proposers = proposers
@@ -92,8 +95,8 @@ class ExactPlanner:
         """
         search = CutSearch(
             self.programs, scaled, gap=self.acceptance.gap, tolerance=self.acceptance.tolerance,
-            max_nodes=self.max_nodes, deadline=time.perf_counter() + self.time_limit_s, root=root,
-            wanted=wanted,
+            max_nodes=self.max_nodes, deadline=time.perf_counter() + self.time_limit_s,
+            max_solves=math.inf if self.max_solves is None else self.max_solves, root=root, wanted=wanted,
         )  # fmt: skip
         search.run()
         return search
@@ -102,7 +105,7 @@ class ExactPlanner:
 class ExactCoursePlanner(TimeLimited):
     """A plan within ``gap`` of the best, a certificate that there is none, or what is known at a limit.
 
-    gap: relative. max_nodes, time_limit_s: where to stop; the bound is then what is proved so far.
+    gap: relative. max_nodes, max_solves, time_limit_s: where to stop; the bound is then what is proved so far.
     """
 
     name = "exact"
@@ -113,19 +116,20 @@ class ExactCoursePlanner(TimeLimited):
         acceptance: Acceptance = Acceptance(),
         gap: float = 1e-3,
         max_nodes: int = 20000,
+        max_solves: int | None = None,
         time_limit_s: float = 60.0,
         programs: Programs | None = None,
     ) -> None:
         self.acceptance = acceptance
         self.gap = checked(gap, "gap", above=0.0)
         checked_int(max_nodes, "max_nodes", least=1)
-        self.max_nodes = max_nodes
+        self.max_nodes, self.max_solves = max_nodes, max_solves
         self.time_limit_s = checked(time_limit_s, "time_limit_s", least=0.0)
         self.programs = programs or Programs()
 
     def solve(self, course: Course) -> PlanOutcome:
         """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it without a proof."""
-        clock, scaled = Clock.start(), Scaled.of(course)
+        clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         choices = TwoStageCoursePlanner(
             gap=self.gap, max_nodes=self.max_nodes, time_limit_s=self.time_limit_s, programs=self.programs
         )
@@ -138,7 +142,7 @@ class ExactCoursePlanner(TimeLimited):
             found, upper, lower, stopped = tail.best, tail.upper, tail.lower, tail.stopped
             details = {"nodes": float(head.nodes + tail.nodes), "cuts": float(tail.cuts)}
         if found is None and proof is None and not stopped:
-            found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes, self.time_limit_s)
+            found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
             details["nodes"] += nodes
             if found is not None:  # the solver refuted, by its tolerance, a part that has a plan
                 upper, lower = cost(scaled.chosen(found[0]), found[1]), head.bound
@@ -191,9 +195,9 @@ class _BestPlan:
             self.lower = max(self._known, min(bound, self._lost))
             if self._closed(self.lower):
                 return
-            if self.nodes >= self._planner.max_nodes or self._clock.elapsed() > self._planner.time_limit_s:
+            if self.nodes >= self._planner.max_nodes or self._clock.ended():
                 at_nodes = self.nodes >= self._planner.max_nodes
-                limit = f"{self._planner.max_nodes} nodes" if at_nodes else "its time limit"
+                limit = f"{self._planner.max_nodes} nodes" if at_nodes else self._clock.limit
                 self.stopped = f"the search met its limit ({limit})"
                 return
             self._project(node)

@@ -6,6 +6,7 @@ of a plan that does not balance on an edge (``support_margin``).
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from ..terrain.patch import Patch
 from .answer import CoursePlanner, Limitable
 from .two_stage import TwoStageCoursePlanner
 
+LOG = logging.getLogger(__name__)
 SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""
 CAUTION = 0.5
@@ -74,6 +76,10 @@ def plan_with_reserve(
             continue
         dulled = slippery(course, share)
         outcome = limited.solve(dulled)
+        LOG.info(
+            "plan: contacts with %.0f %% of the friction: %s after %d solves, %.2f s",
+            *(100.0 * share, outcome.status, outcome.solves, outcome.seconds),
+        )
         if outcome.plan is not None:
             outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
             assert outcome.plan is not None

@@ -102,8 +102,10 @@ class Exact:
 
     Arguments:
         gap: of courses, relative: a plan this close to the best counts as best.
+        max_solves: convex solves of one answer at most, beside the limit of time; None for no such limit. With
+            a ``time_limit_s`` that is never met, 1e6, the answer is the same on a busy computer.
     Raises:
-        InvalidInput: for a gap that is negative.
+        InvalidInput: for numbers that are negative.
     Source:
         Spatial branch and bound over E1-E11.
     Example:
@@ -113,11 +115,13 @@ class Exact:
     """
 
     gap: float = 1e-3
+    max_solves: int | None = None
     name: ClassVar[str] = "exact"
 
     def __post_init__(self) -> None:
         check_argument("gap", self.gap, float)
-        check_numbers(self, least=("gap",))
+        check_argument("max_solves", self.max_solves, int | None)
+        check_numbers(self, least=("gap", "max_solves"))
 
     def planner(self, options: PlannerOptions) -> Planner:
         """Make the planner of postures."""
@@ -126,6 +130,7 @@ class Exact:
         _check_of_postures(self, "gap")
         return ExactPlanner(
             acceptance=options.acceptance,
+            max_solves=self.max_solves,
             time_limit_s=options.limit(POSTURE_LIMIT_S),
             programs=options.programs,
         )
@@ -136,6 +141,7 @@ class Exact:
 
         return ExactCoursePlanner(
             gap=self.gap,
+            max_solves=self.max_solves,
             time_limit_s=options.limit(COURSE_LIMIT_S),
             acceptance=options.acceptance,
             programs=options.programs,
@@ -151,6 +157,8 @@ class TwoStage:
         envelopes: learned boxes that P1 is over; of courses also ``Modes``, between which stances choose.
         projection: P2, a name of ``PROJECTIONS``; None puts P1's own point to the verifier, of postures.
         reserve: of courses: plan with 80 % of the friction where that has a plan, else with 90 %, else with all.
+        max_solves: of courses: convex solves of one search at most, beside the limit of time; None for no such limit.
+            With a ``time_limit_s`` that is never met, 1e6, the plan is the same on a busy computer.
     Raises:
         InvalidInput: for an unknown name, envelopes that are missing, and envelopes that the lift has no use for.
     Source:
@@ -166,6 +174,7 @@ class TwoStage:
     envelopes: EnvelopeSet | Modes | None = None
     projection: Projection | None = "scp"
     reserve: bool = True
+    max_solves: int | None = None
     name: ClassVar[str] = "two-stage"
 
     def __post_init__(self) -> None:
@@ -177,6 +186,8 @@ class TwoStage:
         check_argument("envelopes", self.envelopes, EnvelopeSet | Modes | None)
         check_argument("projection", self.projection, str | None)
         check_argument("reserve", self.reserve, bool)
+        check_argument("max_solves", self.max_solves, int | None)
+        check_numbers(self, least=("max_solves",))
         if self.relaxation == "envelope":  # as plans had it
             object.__setattr__(self, "relaxation", "p1")
         if self.projection is not None:
@@ -194,7 +205,7 @@ class TwoStage:
         from .posture import TwoStagePlanner
 
         options.check_unlimited(self.name)
-        _check_of_postures(self, "reserve")
+        _check_of_postures(self, "reserve", "max_solves")
         return TwoStagePlanner(
             envelopes=_boxes(self.envelopes),
             relaxation=self.relaxation or "p1",
@@ -210,6 +221,7 @@ class TwoStage:
         made: dict[str, Any] = {
             "projection": self.projection,
             "reserve": self.reserve,
+            "max_solves": self.max_solves,
             "time_limit_s": options.limit(COURSE_LIMIT_S),
             "acceptance": options.acceptance,
             "programs": options.programs,
@@ -417,7 +429,7 @@ METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")
 COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
 """The names of those for courses."""
 COURSE_ALONE = ("reserve", "envelope_use", "gap")
-"""Settings that concern courses alone; of ``Micp`` also its projection."""
+"""Settings that concern courses alone; of ``Micp`` also its projection, of ``TwoStage`` its limit of solves."""
 
 
 def _is_own(it: object) -> bool:
@@ -458,8 +470,8 @@ def settings_of(name: str, planners: Registry[Make] = PLANNERS) -> tuple[str, ..
     taken = tuple(inspect.signature(make).parameters)
     if planners is COURSE_PLANNERS:
         return taken
-    postures = tuple(one for one in taken if one not in COURSE_ALONE)
-    return tuple(one for one in postures if make is not Micp or one != "projection")
+    more = "projection" if make is Micp else "max_solves" if make is TwoStage else ""
+    return tuple(one for one in taken if one not in (*COURSE_ALONE, more))
 
 
 def make_planner(method: str | Method, options: PlannerOptions = PlannerOptions(), **settings: Any) -> Planner:

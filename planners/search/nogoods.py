@@ -55,9 +55,9 @@ class Nogoods:
         covers = np.all(self.masks >= (opened > 0.0), axis=(1, 2))
         return int(covers.argmax()) if covers.any() else None
 
-    def learn(self, choice: Index, deadline_s: float) -> bool:
-        """Look at every stance alone on this choice, (P,); whether one is refuted. deadline_s: of its time, when to
-        stop."""
+    def learn(self, choice: Index, share: float) -> bool:
+        """Look at every stance alone on this choice, (P,); whether one is refuted. share: of the clock's limits,
+        where to stop."""
         layout, chosen = self._scaled.layout, self._scaled.chosen(choice)
         learned = False
         for stance, (frame, _) in enumerate(layout.stances):
@@ -65,14 +65,14 @@ class Nogoods:
             key = (stance, *(int(choice[p]) for p in under))
             if key in self._known:
                 continue
-            if self._clock.elapsed() > deadline_s:
+            if self._clock.ended(share):
                 break
             self._known.add(key)
-            root = self._refuted(chosen, stance, NODES, deadline_s)
+            root = self._refuted(chosen, stance, NODES, share)
             if root is None:
                 continue
             learned = True
-            self._keep(self._widened(stance, choice, root, deadline_s))
+            self._keep(self._widened(stance, choice, root, share))
         return learned
 
     def covering(self, choice: Index, foothold: int) -> Array:
@@ -116,7 +116,7 @@ class Nogoods:
         walk(entry.root, opened[footholds])
         return tree, multipliers
 
-    def _widened(self, stance: int, choice: Index, root: Node, deadline_s: float) -> Nogood:
+    def _widened(self, stance: int, choice: Index, root: Node, share: float) -> Nogood:
         """The refuted choice with every limb's other candidates in, as far as the stance stays refuted."""
         scaled, layout = self._scaled, self._scaled.layout
         frame, limbs = layout.stances[stance]
@@ -125,22 +125,22 @@ class Nogoods:
         mask[under] = np.eye(scaled.options)[choice[under]]
         idle = [layout.holds[frame][limb] for limb in range(layout.limbs) if limb not in limbs]
         for group in (idle, *([layout.holds[frame][limb]] for limb in limbs)):
-            if everything[group].sum() <= len(group) or self._clock.elapsed() > deadline_s:
+            if everything[group].sum() <= len(group) or self._clock.ended(share):
                 continue
             wider = mask.copy()
             wider[group] = 1.0
             nodes = int(everything[group].sum(axis=1).max()) * len(root.rows()[0]) + WIDER_LEAST
-            found = self._refuted(scaled.only(everything * wider), stance, nodes, deadline_s)
+            found = self._refuted(scaled.only(everything * wider), stance, nodes, share)
             if found is not None:
                 mask, root = wider, found
         return Nogood(stance=stance, refuted=mask, root=root)
 
-    def _refuted(self, scaled: Scaled, stance: int, nodes: int, deadline_s: float) -> Node | None:
+    def _refuted(self, scaled: Scaled, stance: int, nodes: int, share: float) -> Node | None:
         """The root of a search that refutes the stance alone; None where it does not, or not in time."""
-        left_s = max(deadline_s - self._clock.elapsed(), 0.0)
+        left_s, solves = self._clock.left(share)
         search = CutSearch(
             self._programs, alone(scaled, stance)[0], gap=PROVABLE, tolerance=0.0, max_nodes=nodes,
-            deadline=time.perf_counter() + left_s,
+            deadline=time.perf_counter() + left_s, max_solves=solves,
         )  # fmt: skip
         search.run()
         self._clock.count(search.solves, search.seconds)

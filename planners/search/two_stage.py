@@ -38,8 +38,8 @@ class TwoStageCoursePlanner(TimeLimited):
 
     projection: see ``projection.project``. gap: None takes the first plan that the search finds; else the search goes
     on, and improves plans, until one is proved to be within this relative gap of the best. max_nodes: of each search.
-    time_limit_s: of one course. cuts: whether to cut in space. steps: of SCP at most, where the first few bring a point
-    near to a plan.
+    time_limit_s, max_solves: of one course, None for no limit of solves. cuts: whether to cut in space. steps: of SCP
+    at most, where the first few bring a point near to a plan.
     """
 
     name = "two-stage"
@@ -52,6 +52,7 @@ class TwoStageCoursePlanner(TimeLimited):
         acceptance: Acceptance = Acceptance(),
         gap: float | None = None,
         max_nodes: int = 2000,
+        max_solves: float | None = None,
         time_limit_s: float = 60.0,
         cuts: bool = True,
         steps: int = STEPS,
@@ -61,7 +62,7 @@ class TwoStageCoursePlanner(TimeLimited):
         self.projection: Projection = projection
         self.acceptance, self.reserve = acceptance, reserve
         self.gap = None if gap is None else checked(gap, "gap", above=0.0)
-        self.max_nodes = max_nodes
+        self.max_nodes, self.max_solves = max_nodes, max_solves
         self.time_limit_s = time_limit_s
         self.cuts = cuts
         self.steps = steps
@@ -69,15 +70,15 @@ class TwoStageCoursePlanner(TimeLimited):
 
     def solve(self, course: Course) -> PlanOutcome:
         """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of the whole search."""
-        clock, scaled = Clock.start(), Scaled.of(course)
+        clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         search = self.search(scaled, clock)
         found, proof, message = search.found, search.certificate(), search.message
         details = {
             "nodes": float(search.nodes), "guessed": float(search.guessed), "projected": float(search.tried),
             "dived": float(search.dived), "cuts": 0.0,
         }  # fmt: skip
-        if found is None and proof is None and self.cuts and clock.elapsed() < self.time_limit_s:
-            found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes, self.time_limit_s)
+        if found is None and proof is None and self.cuts and not clock.ended():
+            found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
             message, details["cuts"] = "" if found or proof else message, float(nodes)
         plan = None
         if found is not None:
@@ -91,11 +92,11 @@ class TwoStageCoursePlanner(TimeLimited):
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
         """The search over the patches of one course, run."""
         share = CHOICE_SHARE if self.cuts else 1.0
-        limits = Limits(max_nodes=self.max_nodes, time_limit_s=self.time_limit_s, gap=self.gap, share=share)
+        limits = Limits(max_nodes=self.max_nodes, gap=self.gap, share=share)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, QUICK)
-            deadline = clock.begin + self.time_limit_s
+            deadline = clock.begin + clock.time_limit_s
             point = project(self.programs, self.projection, chosen, start, steps=steps, deadline=deadline)
             clock.count(point.solves, point.seconds)
             if self.gap is None or not point.residual <= SURFACE:
@@ -108,11 +109,19 @@ class TwoStageCoursePlanner(TimeLimited):
 
 
 def decide(
-    programs: Programs, scaled: Scaled, clock: Clock, max_nodes: int, time_limit_s: float
+    programs: Programs, scaled: Scaled, clock: Clock, max_nodes: int
 ) -> tuple[tuple[Index, Point] | None, Certificate | None, int]:
     """Decide a course by cuts in space: choice and point, or certificate, or neither at a limit; and how many nodes."""
-    deadline = time.perf_counter() + max(time_limit_s - clock.elapsed(), 0.0)
-    search = CutSearch(programs, scaled, gap=PROVABLE, tolerance=1e-6, max_nodes=max_nodes, deadline=deadline)
+    left_s, solves = clock.left()
+    search = CutSearch(
+        programs,
+        scaled,
+        gap=PROVABLE,
+        tolerance=1e-6,
+        max_nodes=max_nodes,
+        deadline=time.perf_counter() + left_s,
+        max_solves=solves,
+    )
     search.run()
     clock.count(search.solves, search.seconds)
     if search.found is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import replace
 
@@ -16,6 +17,8 @@ from ..projection.whole_body_limits import WholeBodyLimits
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
 from .answer import objective_of
+
+LOG = logging.getLogger(__name__)
 
 
 def with_whole_body(
@@ -48,7 +51,9 @@ def with_whole_body(
     except InvalidInput:
         if limits.concern(course.robot):
             raise
+    LOG.info("plan: bent in %g steps; judging the whole body", details.get("torque_steps", 0.0))
     report = check_plan(plan, joints=True, deadline=deadline)
+    LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
     return replace(
         outcome,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +15,7 @@ from ..gait_program import GaitProgram, GaitSolution, SolveOptions
 from .attempt import Attempt, Progress
 from .subprocess import solve_in_subprocess
 
+LOG = logging.getLogger(__name__)
 PATIENCE = 10.0
 """A child process may take this many times the CPU time of a solve by the clock."""
 
@@ -39,7 +42,7 @@ class SolveRecord:
 
 
 class SolveBudget:
-    """Solves programs on one budget of CPU time; called like ``GaitProgram.solve``.
+    """Solves programs on one budget of CPU time and of iterations; called like ``GaitProgram.solve``.
 
     solves: every one in its order; stopped: the caller's progress said so; phase: the name of the next solves.
     """
@@ -49,11 +52,12 @@ class SolveBudget:
         *,
         solve_s: float = 60.0,
         total_s: float = 240.0,
+        iterations: float = math.inf,
         in_subprocess: bool = False,
         progress: Progress | None = None,
     ) -> None:
         self._solve_s, self._total_s, self._in_subprocess, self._progress = solve_s, total_s, in_subprocess, progress
-        self._attempt, self._iterations = Attempt(), 0
+        self._attempt, self._iterations, self._left = Attempt(), 0, iterations
         self.solves: list[SolveRecord] = []
         self.stopped, self.phase = False, "feasible"
 
@@ -69,7 +73,7 @@ class SolveBudget:
     @property
     def exhausted(self) -> bool:
         """Whether there is nothing left to spend, or the caller asked to stop."""
-        return self.stopped or self.seconds >= self._total_s
+        return self.stopped or self.seconds >= self._total_s or self._left <= 0
 
     def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
         """Solve within what is left; a solver that hangs or dies has found nothing."""
@@ -79,6 +83,10 @@ class SolveBudget:
         else:
             solution = program.solve(guess, _TimeLimit(limit_s, self._on_iterate), **options)
         self.solves.append(self._record(program, solution))
+        LOG.info(
+            "walk: %s, %s: %d iterations, %s, largest violation %.1e, %.1f CPU-s so far",
+            *(self._attempt.name, self.phase, solution.iterations, solution.status, solution.violation, self.seconds),
+        )
         return solution
 
     def _in_child(self, program: GaitProgram, guess: Array, limit_s: float, options: SolveOptions) -> GaitSolution:
@@ -92,11 +100,12 @@ class SolveBudget:
 
     def _on_iterate(self, _iteration: int, violation: float, cost: float) -> bool:
         self._iterations += 1
+        self._left -= 1
         if self._progress is not None and self._progress(
             self._attempt, self._iterations - 1, violation, cost, self.phase
         ):
             self.stopped = True
-        return self.stopped
+        return self.stopped or self._left <= 0
 
     def _record(self, program: GaitProgram, solution: GaitSolution) -> SolveRecord:
         return SolveRecord(

@@ -8,6 +8,7 @@ The first that the verifier accepts is the answer.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from ...answer.report import Report
 from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput, PlanningFailed
-from ...files.arrays import Array, checked
+from ...files.arrays import Array, checked, checked_int
 from ...verify.trajectories import check_trajectory
 from ..forbidden import forbidden
 from ..gait_program import GaitSolution
@@ -38,7 +39,8 @@ WIDENED = 4.0
 @dataclass(frozen=True, kw_only=True)
 class Caps:
     """What a plan may cost. iterations: of one solve that looks for a feasible point; solve_s, total_s: CPU time of
-    one solve and of all [s]; densifications: how often rows are added; smoothing: of the second phase.
+    one solve and of all [s]; total_iterations: of all solves, None for no such limit; with times that are never met, a
+    walk is the same on a busy computer. densifications: how often rows are added; smoothing: of the second phase.
 
     in_subprocess: solves in child processes that are ended at ten times solve_s by the clock, since a solver may hang.
     """
@@ -46,6 +48,7 @@ class Caps:
     iterations: int = 80
     solve_s: float = 60.0
     total_s: float = 240.0
+    total_iterations: int | None = None
     densifications: int = 6
     smoothing: Smoothing = field(default_factory=Smoothing)
     in_subprocess: bool = False
@@ -61,6 +64,8 @@ class Caps:
                 raise InvalidInput(f"{name}: expected {least} or more, got {getattr(self, name)}")
         for name in ("solve_s", "total_s"):
             checked(getattr(self, name), name, above=0.0)
+        if self.total_iterations is not None:
+            checked_int(self.total_iterations, "total_iterations", least=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -206,7 +211,11 @@ class PortfolioRun:
         self.bench, self.caps, self._checkpoint = bench, caps, checkpoint
         self.feasible: list[Report[Trajectory] | None] = []
         self.budget = SolveBudget(
-            solve_s=caps.solve_s, total_s=caps.total_s, in_subprocess=caps.in_subprocess, progress=progress
+            solve_s=caps.solve_s,
+            total_s=caps.total_s,
+            iterations=math.inf if caps.total_iterations is None else caps.total_iterations,
+            in_subprocess=caps.in_subprocess,
+            progress=progress,
         )
 
     def run(self, index: int, attempt: Attempt) -> Attempted:

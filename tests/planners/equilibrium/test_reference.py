@@ -263,7 +263,7 @@ def test_multipliers_of_either_engine_prove_the_same(drawn):
                 for answer in (ours, theirs)
             ]
             assert bounds[0].accepted == bounds[1].accepted == (ours.bound > 1e-4)
-            assert bounds[0].lower_bound == pytest.approx(bounds[1].lower_bound, abs=1e-6)
+            assert bounds[0].figures["lower_bound"] == pytest.approx(bounds[1].figures["lower_bound"], abs=1e-6)
             proved += bounds[0].accepted
     assert proved > 3
 

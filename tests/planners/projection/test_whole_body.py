@@ -68,7 +68,7 @@ def test_other_forces_spare_a_joint_that_has_too_little(plan: Plan, with_effort:
     spared = with_joints(weak)
     accepted = check_plan(spared, joints=True)
     assert accepted.accepted
-    assert accepted.torque["share"] <= 1.0
+    assert accepted.group("torque").figures["share"] <= 1.0
     np.testing.assert_array_equal(spared.com_m, plan.com_m)
     np.testing.assert_array_equal(spared.toes_m, plan.toes_m)
 

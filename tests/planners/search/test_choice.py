@@ -78,7 +78,7 @@ def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_spea
     counts = np.array([len(put.candidates) for put in course.footholds])
     assert counts.min() == 1
     assert counts.max() == 3
-    search = ChoiceSearch(programs, scaled, lambda *_: None, Limits(max_nodes=1, time_limit_s=1.0), Clock.start())
+    search = ChoiceSearch(programs, scaled, lambda *_: None, Limits(max_nodes=1), Clock.start(1.0))
     cuts = search._cuts
     cuts.tables = np.tile(np.where(scaled.opened() > 0.0, 1.0, np.inf), (20, 1, 1))  # violated by every choice
     cuts.constants = np.zeros(20)
@@ -98,3 +98,19 @@ def test_at_its_limit_it_says_which_and_keeps_the_plan_that_it_has(climb, progra
     assert outcome.status is Status.FEASIBLE
     assert outcome.message == "the search for patches met its limit (2 nodes)"
     assert outcome.bound <= TwoStageCoursePlanner(programs=programs, gap=1e-4).solve(course).objective
+
+
+@pytest.mark.parametrize("most", [1, 4, 9])
+def test_a_limit_of_solves_gives_the_same_answer_on_a_busy_computer(climb, programs, monkeypatch, most):
+    """A busy one is a clock by which every look at it takes a second."""
+    course = climb(8, **TORN)
+    planner = TwoStageCoursePlanner(programs=programs, gap=1e-4, max_solves=most, time_limit_s=1e6)
+    calm = planner.solve(course)
+    assert calm.message == f"the search for patches met its limit ({most} solves)"
+    assert most <= calm.solves <= most + 12  # it is looked at between projections, which take some
+    late = itertools.count()
+    monkeypatch.setattr("stancekit.planners.search.clock.time.perf_counter", lambda: float(next(late)))
+    busy = planner.solve(course)
+    assert (busy.status, busy.solves, busy.message) == (calm.status, calm.solves, calm.message)
+    np.testing.assert_array_equal((busy.objective, busy.bound), (calm.objective, calm.bound))
+    assert busy.seconds > 5.0 * max(calm.seconds, 0.1)

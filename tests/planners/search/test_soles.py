@@ -139,7 +139,7 @@ def test_soles_that_are_bent_stretched_turned_or_moved_are_refused(stood):
     for wrong in (bent, toe + 1.02 * (points - toe), points + turned, np.add(points, [1e-3, 0.0, 0.0])):
         report = check_posture(problem, forged(posture, points_m=wrong))
         assert not report.accepted
-        assert max(report.groups, key=lambda group: group.worst).group == "patch"
+        assert max(report.groups, key=lambda group: group.worst).name == "patch"
         assert check_postures([problem], [forged(posture, points_m=wrong)])[0] > 1e-4
     yawed = replace(problem, contacts=(replace(problem.contacts[0], yaw_rad=0.25),))
     assert not check_posture(yawed, posture).accepted

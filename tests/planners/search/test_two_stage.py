@@ -76,7 +76,7 @@ def test_without_cuts_what_p1_admits_and_p2_does_not_find_stays_open_and_with_th
 def test_decided_by_cuts_alone_courses_have_the_verdict_of_the_planner(climb, rough, programs, planner):
     seen = set()
     for course in [climb(0), climb(1), climb(2), rough(2), rough(4), climb(5, **TORN)]:
-        found, proof, nodes = decide(programs, Scaled.of(course), Clock.start(), 500, 30.0)
+        found, proof, nodes = decide(programs, Scaled.of(course), Clock.start(30.0), 500)
         assert nodes > 0
         outcome = planner.solve(course)
         assert (found is not None) == (outcome.status is Status.FEASIBLE)

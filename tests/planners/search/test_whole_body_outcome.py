@@ -66,7 +66,7 @@ def test_what_torque_forbids_is_undecided_and_says_where(planned: PlanOutcome) -
     assert check_plan(outcome.plan).accepted  # its contacts
     refused = check_plan(outcome.plan, joints=True)
     assert not refused.accepted
-    assert f"torque: {refused.torque['message']}" == outcome.message
+    assert f"torque: {refused.group('torque').message}" == outcome.message
 
 
 def test_without_a_plan_there_is_nothing_to_bend(planned: PlanOutcome) -> None:
@@ -94,4 +94,4 @@ def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_ask
 def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(planned: PlanOutcome, written: object) -> None:
     assert planned.plan is not None
     forged = replace(planned.plan, provenance={**planned.plan.provenance, "torque_nm": written})
-    assert check_plan(forged, joints=True).torque == check_plan(planned.plan, joints=True).torque
+    assert check_plan(forged, joints=True).group("torque") == check_plan(planned.plan, joints=True).group("torque")

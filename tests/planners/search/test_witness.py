@@ -153,7 +153,7 @@ def test_a_batch_is_decided_as_its_problems_are_one_by_one(name, programs):
     for k, (together, problem) in enumerate(zip(answers, batch.problems, strict=True)):
         alone = planner.solve(problem)
         assert (together.status, together.method) == (alone.status, alone.method)
-        assert together.lower_bound == pytest.approx(alone.figures["lower_bound"], rel=1e-12)
+        assert together.lower_bound == pytest.approx(alone.lower_bound, rel=1e-12)
         assert together.details["trivial"] == alone.details["trivial"]
         if alone.posture is not None:
             assert check_posture(problem, together.posture).worst == pytest.approx(together.residual, abs=1e-15)

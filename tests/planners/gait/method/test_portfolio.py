@@ -39,7 +39,7 @@ def test_a_plan_is_what_the_verifier_accepts(plan):
     assert again.accepted
     assert again.digest == plan.report.digest
     assert plan.trajectory.provenance["chart"] == "decoupled"
-    assert plan.report.trajectory.torso_m.tolist() == plan.trajectory.torso_m.tolist()
+    assert plan.report.answer.torso_m.tolist() == plan.trajectory.torso_m.tolist()
 
 
 def test_the_first_chart_that_verifies_ends_the_search(plan):

@@ -36,7 +36,7 @@ def test_every_round_ends_feasible_and_the_peak_goes_down(rough, rounds):
 
 
 def test_the_peak_is_that_of_the_samples_themselves(rounds):
-    torso = rounds[-1].report.trajectory.torso_m
+    torso = rounds[-1].report.answer.torso_m
     samples = np.linalg.norm(np.diff(torso, 2, axis=0), axis=1) / 0.005**2
     assert rounds[-1].peak_g == pytest.approx(samples.max() / 9.81, rel=1e-6)
 
