@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .learners.data.labelling import RecheckReport as RecheckReport
     from .learners.evaluation.evaluate import Score as Score
     from .learners.selectors.selector import Learned as Learned
+    from .maps import warp as warp
     from .motions import run as run
     from .motions import simulate as simulate
     from .pictures import draw as draw
@@ -68,15 +69,17 @@ if TYPE_CHECKING:
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
     from .planners.verify.explain import Explanation as Explanation
-    from .postures import sample as sample
+    from .planners.warp.conformal import MapFit as MapFit
     from .postures import solve as solve
     from .robots import robot as robot
     from .runner.control.loop_report import LoopReport as LoopReport
     from .runner.report import RunReport as RunReport
     from .runner.settings import RunSettings as RunSettings
+    from .samples import sample as sample
     from .selectors import evaluate as evaluate
     from .selectors import export as export
     from .selectors import fit as fit
+    from .terrains import heights as heights
     from .terrains import terrain as terrain
     from .walks import walk as walk
 
@@ -92,6 +95,7 @@ _HOMES = {
     "learners.data.labelling": ("RecheckReport",),
     "learners.evaluation.evaluate": ("Score",),
     "learners.selectors.selector": ("Learned",),
+    "maps": ("warp",),
     "motions": ("run", "simulate"),
     "pictures": ("draw", "film"),
     "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
@@ -113,13 +117,15 @@ _HOMES = {
     "planners.terrain.heightfield": ("HeightField",),
     "planners.terrain.patch": ("Patch",),
     "planners.verify.explain": ("Explanation",),
-    "postures": ("sample", "solve"),
+    "planners.warp.conformal": ("MapFit",),
+    "postures": ("solve",),
     "robots": ("robot",),
     "runner.control.loop_report": ("LoopReport",),
     "runner.report": ("RunReport",),
     "runner.settings": ("RunSettings",),
+    "samples": ("sample",),
     "selectors": ("evaluate", "export", "fit"),
-    "terrains": ("terrain",),
+    "terrains": ("heights", "terrain"),
     "walks": ("walk",),
 }
 """Where each name lives: what the imports above say to type checkers, said to the interpreter (compared by a test)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import overload
 
@@ -126,7 +127,7 @@ def verify(
         >>> stancekit.verify(problem, posture).accepted
         True
     """
-    if isinstance(subject, str | Path) and answer is None and Path(subject).is_file():
+    if isinstance(subject, str | Path) and answer is None and os.path.isfile(subject):
         return check_file(subject, tolerance=tolerance, robot=robot, course=course)
     for name, given in (("robot", robot), ("course", course)):
         if given is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,17 +69,25 @@ def check_file(
             path,
             tolerance=tolerance,
             robot=None if robot is None else named_robot(robot),
-            course=None if course is None else _course(course, None if robot is None else str(robot)),
+            course=None
+            if course is None
+            else _course(course, None if robot is None else str(robot)),
         )
     if proof_file.is_proof(data):
         if tolerance != TOLERANCE:
-            raise InvalidInput("tolerance: expected none with a proof, which has to hold with room for any plan")
+            raise InvalidInput(
+                "tolerance: expected none with a proof, which has to hold with room for any plan"
+            )
         return proof_file.check_proof_file(path)
     if not of_gait:
-        wanted = "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+        wanted = (
+            "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+        )
         raise InvalidInput(f"{name}: {wanted}")
     if tolerance != TOLERANCE:
-        raise InvalidInput("tolerance: expected none with a gait, whose groups have limits of their own")
+        raise InvalidInput(
+            "tolerance: expected none with a gait, whose groups have limits of their own"
+        )
     from stancekit.planners.robot.walker import named_walker
 
     report = trajectory_file.check_file(path, robot=None if robot is None else named_walker(robot))
@@ -96,8 +105,10 @@ def check_rows(
     from stancekit.envs.data.pools import folder_of
     from stancekit.learners.data.labelling import recheck
 
-    if not isinstance(source, Dataset) and not folder_of(source).exists():
-        raise InvalidInput(f"{source}: expected a plan, proof, gait or data set, found nothing there")
+    if not isinstance(source, Dataset) and not os.path.exists(folder_of(source)):
+        raise InvalidInput(
+            f"{source}: expected a plan, proof, gait or data set, found nothing there"
+        )
     for name, given in (("explain", why), ("tolerance", tolerance != TOLERANCE)):
         if given:
             wanted = "expected a file of answers with it, got a data set, which has its own plan"
@@ -106,7 +117,11 @@ def check_rows(
 
 
 def check_answers(
-    problems: tuple[str, str], answers: tuple[str, str], *, tolerance: float = TOLERANCE, why: bool = False
+    problems: tuple[str, str],
+    answers: tuple[str, str],
+    *,
+    tolerance: float = TOLERANCE,
+    why: bool = False,
 ) -> Iterator[dict[str, Any]]:
     """Check the n-th answer of a text against the n-th problem of another: one record each, with its verdict.
 
@@ -115,7 +130,9 @@ def check_answers(
     """
     asked, claims = list(read_problems(*problems)), list(json_records(*answers))
     if len(asked) != len(claims):
-        raise InvalidInput(f"{answers[1]}: expected {len(asked)} answers, one a problem, got {len(claims)}")
+        raise InvalidInput(
+            f"{answers[1]}: expected {len(asked)} answers, one a problem, got {len(claims)}"
+        )
     for (where, problem), (place, claim) in zip(asked, claims, strict=True):
         if isinstance(problem, InvalidInput) or isinstance(claim, InvalidInput):
             wrong = problem if isinstance(problem, InvalidInput) else claim
@@ -133,7 +150,9 @@ def _verdict(problem: PostureProblem, claim: Any, tolerance: float, why: bool) -
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:
         hint = " (solve with --certificate)" if status == "infeasible" else ""
-        message = f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
+        message = (
+            f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
+        )
         return {"verdict": "refused", "message": message}
     if isinstance(answer, Posture):
         report = check_posture(problem, answer, tolerance=tolerance)
@@ -179,7 +198,10 @@ def _course(name: str, robot: str | None) -> Callable[[int], Course]:
 
 def _status(claim: Any) -> str:
     """The status that an answer claims; where it has none, the one that its evidence speaks for."""
-    status = claim.get("status", "infeasible" if "certificate" in claim else "feasible" if "toes_m" in claim else None)
+    status = claim.get(
+        "status",
+        "infeasible" if "certificate" in claim else "feasible" if "toes_m" in claim else None,
+    )
     checked_choice(status, "status", tuple(EVIDENCE))
     return str(status)
 

@@ -80,7 +80,9 @@ def label(
     old = {name: value for name, value in further.items() if name not in FURTHER}
     for key, value in given.items():
         check_argument(key, value, FURTHER[key])
-    wanted = _rows(rows, given.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {})
+    wanted = _rows(
+        rows, given.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
+    )
     name, source, asked = problems, None, None
     if not isinstance(problems, str) or isinstance(robot, Robot):
         source = distribution_of(problems, robot=robot, terrain=terrain)
@@ -96,7 +98,7 @@ def label(
         **wanted,
         **given,
     )
-    run = processes(int(workers)) if isinstance(workers, Integral) else workers
+    run = processes(int(workers)) if isinstance(workers, int | Integral) else workers
 
     def on_progress(state: Progress) -> None:
         if progress is not None:
@@ -104,6 +106,43 @@ def label(
 
     labelling.label(plan, folder, run=run, source=source, progress=on_progress, proposers=asked)
     return Dataset.open(folder)
+
+
+def export_scenes(
+    family: str,
+    folder: str | Path,
+    count: int = 1,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[str]:
+    """Write scenes of a terrain family for other simulators: heights, surfaces, and whether the hexapod has a plan.
+
+    family: FAMILY:LEVEL as in "stairs:0.6". folder: new or empty. seed: of the first scene; the others follow.
+    progress: called with scenes written, and all. Returns the status of each. Raises InvalidInput.
+    """
+    from stancekit.learners.data import scene_set
+    from stancekit.planners.plugins import split_name
+    from stancekit.planners.problem.family_scene import family_name
+    from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+
+    name, numbers = split_name(family)
+    try:
+        level = float(":".join(numbers)) if family_name(family) else None
+    except ValueError:
+        level = None
+    if level is None:
+        raise InvalidInput(f"export: expected FAMILY:LEVEL as in stairs:0.6, got {family!r}")
+    index = scene_set.export_scenes(
+        Path(folder),
+        name,
+        level,
+        count=count,
+        planner=TwoStageCoursePlanner(),
+        seed=seed,
+        progress=progress,
+    )
+    return [scene["status"] for scene in index["scenes"]]
 
 
 def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> dict[str, Any]:
@@ -116,8 +155,12 @@ def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> di
         return {"feasible": 500, "infeasible": 500, "natural": natural, **old}
     if not isinstance(rows, tuple):
         return {"feasible": int(rows), "infeasible": 0, "natural": True}
-    if len(rows) != 2 or any(isinstance(count, bool) or not isinstance(count, Integral) for count in rows):
-        raise InvalidInput(f"rows: expected one integer, or two (feasible, infeasible), got {shown(rows)}")
+    if len(rows) != 2 or any(
+        isinstance(count, bool) or not isinstance(count, Integral) for count in rows
+    ):
+        raise InvalidInput(
+            f"rows: expected one integer, or two (feasible, infeasible), got {shown(rows)}"
+        )
     return {"feasible": int(rows[0]), "infeasible": int(rows[1]), "natural": natural}
 
 
@@ -126,5 +169,7 @@ def _proposers(path: str | Path) -> Proposers:
     try:
         from stancekit.learners.proposers.proposer import Proposers
     except ModuleNotFoundError as error:
-        raise InvalidInput(f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'") from None
+        raise InvalidInput(
+            f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'"
+        ) from None
     return Proposers.load(path)

@@ -26,7 +26,8 @@ from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import WORLDS, World, WorldSettings
+from stancekit.runner.worlds import WORLDS as WORLDS
+from stancekit.runner.worlds import World, WorldSettings
 from stancekit.runner.worlds.settings import EstopCheck
 from stancekit.runner.worlds.world import Actuator, Terrain
 
@@ -154,14 +155,14 @@ def check_run(
 
     led: a policy closes the loop.
     """
-    of = WORLDS.get(world) if isinstance(world, str) else world
-    name, simulated = world if isinstance(world, str) else of.name, of.kind == "simulation"
+    name, kind = (world, WORLDS.get(world).kind) if isinstance(world, str) else (world.name, world.kind)
+    simulated = kind == "simulation"
     for wrong, message in (
         (settings.friction_share != 1.0 and not simulated,
          f"friction_share: expected a simulated world with it, got {name}"),
         (settings.blind and (led or not simulated),
          f"blind: expected a plan or a gait in a simulated world with it, got {'a policy' if led else name}"),
-        (led and of.kind == "recording", f"policy: expected a world that answers to what is done, got {name}"),
+        (led and kind == "recording", f"policy: expected a world that answers to what is done, got {name}"),
         (isinstance(asked, AcceptedGait) and settings.timing != Timing(),
          "timing: expected key frames: a gait runs as planned, or not at all"),
     ):  # fmt: skip

@@ -1,22 +1,17 @@
-"""Posture problems: draw them, decide them."""
+"""Posture problems, decided."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from stancekit.planners.answer.outcome import Outcome
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import checked_int
-from stancekit.planners.formats.answer_file import read_envelopes
+from stancekit.planners.formats.answer_file import read_envelopes as read_envelopes
 from stancekit.planners.formats.answer_file import read_problems as read_problems
 from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.posture import Sampler
-from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 
@@ -28,53 +23,6 @@ OLD = {
     "solver": "solve(problem, Micp(solver=...))",
     "intervals": "solve(problem, Micp(intervals=...))",
 }
-
-MOST_PROBLEMS = 1_000_000
-"""Problems drawn into memory at once."""
-
-
-@checked
-def sample(
-    problems: str | Sampler,
-    count: int = 1,
-    *,
-    robot: Robot | str | Path | None = None,
-    terrain: str | Path | None = None,
-    rng: np.random.Generator | int = 0,
-) -> list[PostureProblem]:
-    """Draw posture problems from a distribution of terrains.
-
-    Arguments:
-        problems: something with ``sample(rng)``, or the name of a distribution: "ground-k" and "wall-k" (k limbs on the
-            ground or on two facing walls; paper E has "ground-3", "wall-3", "wall-5"), "terrain-k" (cut from
-            ``terrain``), one that a package registered under the entry point ``stancekit.distributions``,
-            "FILE.py:NAME", or a YAML file.
-        count: how many, 1 or more.
-        robot: whose limbs they are: a ``Robot``, a name, a .urdf file, or a .yaml file that names one; with a name of
-            a distribution only.
-        terrain: a mesh or a grid; with "terrain-k".
-        rng: a generator, or a seed; equal seeds give equal problems.
-    Returns:
-        ``count`` independent problems.
-    Raises:
-        InvalidInput: for a name that there is not, or a count below 1 or above a million.
-    Source:
-        Paper E §IV-A, G(θ).
-    Example:
-        >>> import stancekit
-        >>> first, second = stancekit.sample("wall-3", 2, rng=7)
-        >>> first.legs
-        ('RF', 'RR', 'LM')
-    """
-    checked_int(count, "count", least=1, most=MOST_PROBLEMS)
-    from stancekit.envs.distributions.postures import distribution_of  # loads Gymnasium
-
-    source = distribution_of(problems, robot=robot, terrain=terrain)
-    if not isinstance(rng, np.random.Generator) and rng < 0:
-        raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")
-    drawn = np.random.default_rng(rng)
-    return [source.sample(drawn) for _ in range(count)]
-
 
 @checked
 def solve(

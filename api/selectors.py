@@ -13,12 +13,14 @@ from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.export import Exported
 from stancekit.learners.data.export import export as exported
-from stancekit.learners.data.origin import check_unseen, rows_of
+from stancekit.learners.data.origin import check_unseen
+from stancekit.learners.data.origin import rows_of as rows_of
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.learners.training.fit_settings import SPREAD, FitSettings
+from stancekit.learners.training.fit_settings import SPREAD as SPREAD
+from stancekit.learners.training.fit_settings import FitSettings
 from stancekit.learners.training.fitting import learn
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
@@ -65,7 +67,7 @@ def export(
 
 
 @overload
-def fit(  # type: ignore[overload-overlap]
+def fit(
     dataset: Rows | Sequence[Rows], method: Literal["modes"], **how: Any
 ) -> Modes: ...
 @overload
@@ -210,4 +212,4 @@ def selector_for(dataset: Rows, selector: Learned | EnvelopeSet | str | Path, na
 
 
 def _executor(workers: int | Executor) -> Executor:
-    return processes(int(workers)) if isinstance(workers, Integral) else workers
+    return processes(int(workers)) if isinstance(workers, int | Integral) else workers

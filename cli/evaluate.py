@@ -80,11 +80,12 @@ class Evaluate:
             (Path(where).stem if ".py:" not in where else where.rpartition(":")[2], selector_for(rows, selector, where))
             for where, selector in (*files, *((name, name) for name in self.selector))
         ]
+        compared += [(LIFT, LIFT)] if self.lift else []
         workers, scores = executor(self.executor, workers=self.workers, address=self.address), []
-        for name, selector in (*compared, *([(LIFT, LIFT)] if self.lift else [])):
+        for name, learned in compared:
             with progress(f"evaluate {name}") as bar:
                 scores.append(
-                    evaluate(selector, rows, projections=self.projection, name=name, workers=workers, progress=bar)
+                    evaluate(learned, rows, projections=self.projection, name=name, workers=workers, progress=bar)
                 )
         if self.json:
             for score in scores:

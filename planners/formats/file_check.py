@@ -47,5 +47,6 @@ class FileCheck:
         record = {"where": self.path, "kind": self.kind, "verdict": verdict}
         if self.kind == "gait":
             return {**record, **self.report.to_json()}
-        further = {"report": self.report.to_json()} if self.kind == "plan" else {"leaves": self.report.figures["leaves"]}
-        return {**record, "message": self.message, **further}
+        if self.kind == "plan":
+            return {**record, "message": self.message, "report": self.report.to_json()}
+        return {**record, "message": self.message, "leaves": self.report.figures["leaves"]}

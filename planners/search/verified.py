@@ -49,8 +49,8 @@ class VerifiedPlanner:
         self._envelopes = envelopes
 
     def solve(self, problem: PostureProblem) -> Outcome:
-        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that raises,
-        and envelopes that were learned for other problems."""
+        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that
+        raises, and envelopes that were learned for other problems."""
         if self._envelopes is not None:
             self._envelopes.check_fits(problem)
         begin, where = time.perf_counter(), f"method {self.name}"
