@@ -20,6 +20,7 @@ from .options import OptionalPath, OptionalText
 if TYPE_CHECKING:
     from stancekit.learners.evaluation.evaluate import Score, Share
     from stancekit.learners.selectors.selector import Learned
+    from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
@@ -75,10 +76,11 @@ class Evaluate:
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
         rows = rows_of(self.dataset, self.part, self.robot, self.terrain)
-        files = [(str(path), read_envelopes(path)) for path in self.envelope]
+        asked: list[tuple[str, EnvelopeSet | str]] = [(str(path), read_envelopes(path)) for path in self.envelope]
+        asked += [(name, name) for name in self.selector]
         compared: list[tuple[str, Learned | str]] = [
             (Path(where).stem if ".py:" not in where else where.rpartition(":")[2], selector_for(rows, selector, where))
-            for where, selector in (*files, *((name, name) for name in self.selector))
+            for where, selector in asked
         ]
         compared += [(LIFT, LIFT)] if self.lift else []
         workers, scores = executor(self.executor, workers=self.workers, address=self.address), []
