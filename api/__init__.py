@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .answers import explain as explain
     from .answers import verify as verify
     from .courses import plan as plan
+    from .datasets import label as label
     from .envs.data.dataset import Dataset as Dataset
     from .files import load as load
     from .files import save as save
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from .learners.data.labelling import RecheckReport as RecheckReport
     from .learners.evaluation.evaluate import Score as Score
     from .learners.selectors.selector import Learned as Learned
+    from .maps import warp as warp
     from .motions import run as run
     from .motions import simulate as simulate
     from .pictures import draw as draw
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from .planners.answer.trajectory import Trajectory as Trajectory
     from .planners.errors import InvalidInput as InvalidInput
     from .planners.errors import StancekitError as StancekitError
+    from .planners.formats.file_check import FileCheck as FileCheck
     from .planners.gait.method.portfolio import GaitPlan as GaitPlan
     from .planners.leap.finder import LeapFinder as LeapFinder
     from .planners.problem.course import Course as Course
@@ -70,16 +73,17 @@ if TYPE_CHECKING:
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
     from .planners.verify.explain import Explanation as Explanation
-    from .postures import sample as sample
+    from .planners.warp.conformal import MapFit as MapFit
     from .postures import solve as solve
     from .robots import robot as robot
     from .runner.control.loop_report import LoopReport as LoopReport
     from .runner.report import RunReport as RunReport
     from .runner.settings import RunSettings as RunSettings
+    from .samples import sample as sample
     from .selectors import evaluate as evaluate
     from .selectors import export as export
     from .selectors import fit as fit
-    from .selectors import label as label
+    from .terrains import heights as heights
     from .terrains import terrain as terrain
     from .walks import walk as walk
 
@@ -88,12 +92,14 @@ if TYPE_CHECKING:
 _HOMES = {
     "answers": ("explain", "verify"),
     "courses": ("plan",),
+    "datasets": ("label",),
     "envs.data.dataset": ("Dataset",),
     "files": ("load", "save"),
     "learners.data.export": ("Exported",),
     "learners.data.labelling": ("RecheckReport",),
     "learners.evaluation.evaluate": ("Score",),
     "learners.selectors.selector": ("Learned",),
+    "maps": ("warp",),
     "motions": ("run", "simulate"),
     "pictures": ("draw", "film"),
     "planners.answer.leap_outcome": ("LeapOutcome",),
@@ -104,6 +110,7 @@ _HOMES = {
     "planners.answer.report": ("Group", "Report"),
     "planners.answer.trajectory": ("Trajectory",),
     "planners.errors": ("InvalidInput", "StancekitError"),
+    "planners.formats.file_check": ("FileCheck",),
     "planners.gait.method.portfolio": ("GaitPlan",),
     "planners.leap.finder": ("LeapFinder",),
     "planners.problem.course": ("Course",),
@@ -118,13 +125,15 @@ _HOMES = {
     "planners.terrain.heightfield": ("HeightField",),
     "planners.terrain.patch": ("Patch",),
     "planners.verify.explain": ("Explanation",),
-    "postures": ("sample", "solve"),
+    "planners.warp.conformal": ("MapFit",),
+    "postures": ("solve",),
     "robots": ("robot",),
     "runner.control.loop_report": ("LoopReport",),
     "runner.report": ("RunReport",),
     "runner.settings": ("RunSettings",),
-    "selectors": ("evaluate", "export", "fit", "label"),
-    "terrains": ("terrain",),
+    "samples": ("sample",),
+    "selectors": ("evaluate", "export", "fit"),
+    "terrains": ("heights", "terrain"),
     "walks": ("walk",),
 }
 """Where each name lives: what the imports above say to type checkers, said to the interpreter (compared by a test)."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import overload
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.learners.data.labelling import RecheckReport, recheck
+from stancekit.learners.data.labelling import RecheckReport
 from stancekit.planners.answer.leap_outcome import LeapOutcome
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
@@ -15,6 +17,7 @@ from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.file_check import FileCheck
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.leap import Leap
@@ -28,6 +31,8 @@ from stancekit.planners.verify import explain as explain_proof
 from stancekit.planners.verify.leap_proof import check_leap_certificate, explain_leap
 from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.trajectories import check_trajectory
+
+from .checks import TOLERANCE, check_file, check_rows
 
 
 @checked
@@ -81,35 +86,49 @@ def explain(
 
 
 @overload
-def verify(subject: PostureProblem, answer: Posture, *, tolerance: float = 1e-6) -> Report[Posture]: ...
+def verify(subject: PostureProblem, answer: Posture, *, tolerance: float = TOLERANCE) -> Report[Posture]: ...
 @overload
 def verify(subject: PostureProblem | Course | Leap, answer: Certificate) -> Report[Certificate]: ...
 @overload
-def verify(subject: Plan, answer: None = None, *, tolerance: float = 1e-6) -> Report[Plan]: ...
+def verify(subject: Plan, answer: None = None, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
 @overload
 def verify(subject: LeapPlan, answer: None = None) -> Report[LeapPlan]: ...
 @overload
 def verify(subject: Trajectory, answer: None = None) -> Report[Trajectory]: ...
 @overload
 def verify(subject: Dataset, answer: None = None) -> RecheckReport: ...
+@overload
+def verify(
+    subject: str | Path,
+    answer: None = None,
+    *,
+    tolerance: float = TOLERANCE,
+    robot: str | Path | None = None,
+    course: str | None = None,
+) -> FileCheck | RecheckReport: ...
 @checked
 def verify(
-    subject: PostureProblem | Course | Leap | Plan | LeapPlan | Trajectory | Dataset,
+    subject: PostureProblem | Course | Leap | Plan | LeapPlan | Trajectory | Dataset | str | Path,
     answer: Posture | Certificate | None = None,
     *,
-    tolerance: float = 1e-6,
-) -> Report[Posture | Plan | LeapPlan | Trajectory | Certificate] | RecheckReport:
+    tolerance: float = TOLERANCE,
+    robot: str | Path | None = None,
+    course: str | None = None,
+) -> Report[Posture | Plan | LeapPlan | Trajectory | Certificate] | RecheckReport | FileCheck:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
 
     Arguments:
         subject: a posture problem with its ``answer``, a posture or a certificate; a course or a leap with a
             certificate that it has no plan; or alone, what carries its question: a plan of key frames or of a leap, a
-            gait trajectory, a data set.
+            gait trajectory, a data set, the file of a plan, a proof, a leap or a gait, the folder of a data set or the
+            name of one that ships.
         answer: what is claimed of the problem or course.
         tolerance: largest violation of a constraint by an accepted posture or plan, non-dimensional. Certificates and
             walks have limits of their own.
+        robot: of a file: a name or a file of the robot that its plan or gait has to be for.
+        course: of a plan's file: the course that it has to be of, as ``plan`` takes it.
     Returns:
-        A report: ``accepted``, and what is violated, where and by how much.
+        A report: ``accepted``, and what is violated, where and by how much; of a file a ``FileCheck`` with one.
     Raises:
         InvalidInput: for a pair that does not belong together. A bad answer is refused in the report, and not raised.
     Source:
@@ -121,6 +140,11 @@ def verify(
         >>> stancekit.verify(problem, posture).accepted
         True
     """
+    if isinstance(subject, str | Path) and answer is None and os.path.isfile(subject):
+        return check_file(subject, tolerance=tolerance, robot=robot, course=course)
+    for name, given in (("robot", robot), ("course", course)):
+        if given is not None:
+            raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {given}")
     match subject, answer:
         case PostureProblem(), Posture():
             return check_posture(subject, answer, tolerance=tolerance)
@@ -134,10 +158,10 @@ def verify(
             return check_plan(subject, tolerance=tolerance, joints=True)
         case Trajectory(), None:
             return check_trajectory(subject)
-        case Dataset(), None:
-            return recheck(subject)
+        case (Dataset() | str() | Path()), None:
+            return check_rows(subject, tolerance=tolerance)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
     raise InvalidInput(
         "verify: expected a posture problem with a posture or a certificate, a course or a leap with a certificate, or "
-        f"alone a plan, a trajectory or a data set; got {came}"
+        f"alone a plan, a trajectory, a data set or a file; got {came}"
     )

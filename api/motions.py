@@ -22,10 +22,12 @@ from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.replanning import Policy
 from stancekit.runner.log import McapLog, NoLog
+from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import WORLDS, World, WorldSettings
+from stancekit.runner.worlds import WORLDS as WORLDS
+from stancekit.runner.worlds import World, WorldSettings
 from stancekit.runner.worlds.settings import EstopCheck
 from stancekit.runner.worlds.world import Actuator, Terrain
 
@@ -115,6 +117,7 @@ def run(
     if log is not None and Path(log).suffix != ".mcap":
         raise InvalidInput(f"log: expected a name that ends in .mcap, got {log}")
     asked = accepted_of(motion) if policy is None else led_by_policy(motion)
+    check_run(asked, world, settings, led=policy is not None)
     with ExitStack() as stack:
         made = _world(world, asked, setup, arm)
         stack.callback(made.close)
@@ -143,6 +146,28 @@ def run(
         first = asked if isinstance(asked, Accepted) else None
         ground = slippery(walked, settings.friction_share).terrain
         return ClosedLoop(walked, runner, planner, settings.loop).run(ground, first=first)
+
+
+def check_run(
+    asked: Accepted | AcceptedGait | Course, world: str | World, settings: RunSettings, *, led: bool
+) -> None:
+    """Raise InvalidInput for settings that the motion, the world or a policy has no use for, before a world is made.
+
+    led: a policy closes the loop.
+    """
+    name, kind = (world, WORLDS.get(world).kind) if isinstance(world, str) else (world.name, world.kind)
+    simulated = kind == "simulation"
+    for wrong, message in (
+        (settings.friction_share != 1.0 and not simulated,
+         f"friction_share: expected a simulated world with it, got {name}"),
+        (settings.blind and (led or not simulated),
+         f"blind: expected a plan or a gait in a simulated world with it, got {'a policy' if led else name}"),
+        (led and kind == "recording", f"policy: expected a world that answers to what is done, got {name}"),
+        (isinstance(asked, AcceptedGait) and settings.timing != Timing(),
+         "timing: expected key frames: a gait runs as planned, or not at all"),
+    ):  # fmt: skip
+        if wrong:
+            raise InvalidInput(message)
 
 
 def accepted_of(motion: Motion | Course | str | Path) -> Accepted | AcceptedGait:

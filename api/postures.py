@@ -1,20 +1,17 @@
-"""Posture problems: draw them, decide them."""
+"""Posture problems, decided."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from stancekit.planners.answer.outcome import Outcome
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import checked_int
+from stancekit.planners.formats.answer_file import read_envelopes as read_envelopes
+from stancekit.planners.formats.answer_file import read_problems as read_problems
 from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.posture import Sampler
-from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 
@@ -26,53 +23,6 @@ OLD = {
     "solver": "solve(problem, Micp(solver=...))",
     "intervals": "solve(problem, Micp(intervals=...))",
 }
-
-MOST_PROBLEMS = 1_000_000
-"""Problems drawn into memory at once."""
-
-
-@checked
-def sample(
-    problems: str | Sampler,
-    count: int = 1,
-    *,
-    robot: Robot | str | Path | None = None,
-    terrain: str | Path | None = None,
-    rng: np.random.Generator | int = 0,
-) -> list[PostureProblem]:
-    """Draw posture problems from a distribution of terrains.
-
-    Arguments:
-        problems: something with ``sample(rng)``, or the name of a distribution: "ground-k" and "wall-k" (k limbs on the
-            ground or on two facing walls; paper E has "ground-3", "wall-3", "wall-5"), "terrain-k" (cut from
-            ``terrain``), one that a package registered under the entry point ``stancekit.distributions``,
-            "FILE.py:NAME", or a YAML file.
-        count: how many, 1 or more.
-        robot: whose limbs they are: a ``Robot``, a name, a .urdf file, or a .yaml file that names one; with a name of
-            a distribution only.
-        terrain: a mesh or a grid; with "terrain-k".
-        rng: a generator, or a seed; equal seeds give equal problems.
-    Returns:
-        ``count`` independent problems.
-    Raises:
-        InvalidInput: for a name that there is not, or a count below 1 or above a million.
-    Source:
-        Paper E §IV-A, G(θ).
-    Example:
-        >>> import stancekit
-        >>> first, second = stancekit.sample("wall-3", 2, rng=7)
-        >>> first.legs
-        ('RF', 'RR', 'LM')
-    """
-    checked_int(count, "count", least=1, most=MOST_PROBLEMS)
-    from stancekit.envs.distributions.postures import distribution_of  # loads Gymnasium
-
-    source = distribution_of(problems, robot=robot, terrain=terrain)
-    if not isinstance(rng, np.random.Generator) and rng < 0:
-        raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")
-    drawn = np.random.default_rng(rng)
-    return [source.sample(drawn) for _ in range(count)]
-
 
 @checked
 def solve(
@@ -113,16 +63,28 @@ def solve(
     """
     beside = ("problem", "method", "time_limit_s", "engine")
     settings = old_arguments("solve", old, OLD, beside) if old else {}
-    envelopes = getattr(method, "envelopes", settings.get("envelopes"))
-    if envelopes is not None and hasattr(envelopes, "check_fits"):
-        envelopes.check_fits(problem)
     if isinstance(method, str | Method):
-        programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-        options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
-        return make_planner(method, options, **settings).solve(problem)
+        return planner_of(method, time_limit_s=time_limit_s, engine=engine, **settings).solve(problem)
     for name, given in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
         if given not in (None, "rows"):
             raise InvalidInput(
                 f"{name}: expected none for a planner that was made before, which has no use for it, got {given!r}"
             )
     return through_verifier(method).solve(problem)
+
+
+def planner_of(
+    method: str | Method,
+    *,
+    time_limit_s: float | None = None,
+    engine: Literal["rows", "cvxpy"] = "rows",
+    **settings: Any,
+) -> Planner:
+    """The planner of a method, to be asked many problems; arguments as for ``solve``.
+
+    settings: of a method that is text, by name; envelopes may be the ``Path`` of a file. Raises InvalidInput likewise.
+    """
+    if isinstance(settings.get("envelopes"), Path):
+        settings["envelopes"] = read_envelopes(settings["envelopes"])
+    programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
+    return make_planner(method, PlannerOptions(time_limit_s=time_limit_s, programs=programs), **settings)

@@ -1,105 +1,39 @@
-"""Selectors of envelopes: label terrains, learn from them, compare what was learned."""
+"""Selectors of envelopes: learn them from labelled rows, compare what was learned."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal, overload
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.envs.distributions.postures import distribution_of
+from stancekit.learners.data.executor import Executor, processes
+from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.export import Exported
 from stancekit.learners.data.export import export as exported
-from stancekit.learners.data.labelling import label as labelled
 from stancekit.learners.data.origin import check_unseen
-from stancekit.learners.evaluation.evaluate import Score, check_same_class
+from stancekit.learners.data.origin import rows_of as rows_of
+from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.training.fit_settings import SPREAD as SPREAD
 from stancekit.learners.training.fit_settings import FitSettings
 from stancekit.learners.training.fitting import learn
-from stancekit.planners.arguments import check_argument, checked
+from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import shown, typed
-from stancekit.planners.problem.posture import Sampler
-from stancekit.planners.projection.project import Projection
+from stancekit.planners.files.documents import read_yaml
+from stancekit.planners.files.validation import typed
+from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
-from stancekit.planners.robot.model import Robot
-
-from .upgrading import old_arguments
-
-OLD = {
-    "feasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
-    "infeasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
-    "natural": "label(..., rows=COUNT)",
-}
-USUAL_ROWS = (500, 500)
-"""How many feasible and infeasible ones there are where nothing is said."""
-BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "proposers")
-
-
-@checked
-def label(
-    problems: str | Sampler,
-    folder: str | Path,
-    *,
-    robot: Robot | str | Path | None = None,
-    terrain: str | Path | None = None,
-    rows: tuple[int, int] | int = USUAL_ROWS,
-    seed: int = 0,
-    workers: int = 1,
-    proposers: str | Path | None = None,
-    **old: Any,
-) -> Dataset:
-    """Draw posture problems and label them exactly into a folder, or go on with one that was begun.
-
-    Arguments:
-        problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by its class's.
-        folder: of the data set; what is there already is not made again.
-        robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets of its legs.
-        rows: how many feasible ones, and how many infeasible ones, which need their moment balance to be so; or one
-            number: the first so many samples as they come, whatever their label.
-        seed: of the random stream; use another one for training than for testing.
-        workers: processes; the rows do not depend on them.
-        proposers: file of ``stancekit proposers``, asked for postures and proofs before any solver; needs torch.
-        old: ``rows`` as feasible, infeasible and natural, which is the old form.
-    Returns:
-        The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
-    Raises:
-        InvalidInput: for a folder that holds another data set, numbers out of range, proposers of another class.
-        LabellingFailed: where the distribution does not yield enough rows of a label.
-    Source:
-        Algorithm E1.
-    Example:
-        >>> import stancekit
-        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
-        >>> len(train), train.labels[0] in ("feasible", "infeasible")
-        (12, True)
-    """
-    wanted = _rows(rows, old_arguments("label", old, OLD, BESIDE) if old else {})
-    name, source, asked = problems, None, None
-    if not isinstance(problems, str) or isinstance(robot, Robot):
-        source = distribution_of(problems, robot=robot, terrain=terrain)
-        name = source.name
-    if proposers is not None:
-        from stancekit.learners.proposers.proposer import Proposers  # loads torch
-
-        asked = Proposers.load(proposers)
-    plan = LabelPlan(
-        distribution=str(name), **wanted, seed=int(seed),
-        robot=None if robot is None or source is not None else str(robot),
-        terrain=None if terrain is None or source is not None else str(terrain),
-        proposers=None if asked is None else asked.digest,
-    )  # fmt: skip
-    labelled(plan, folder, workers=workers, source=source, proposers=asked)
-    return Dataset.open(folder)
-
 
 Rows = Dataset | str | Path
+Progress = Callable[[int, int], None]
+LIFT = "lift"
+"""What is compared with selectors and chooses nothing."""
 
 
 @checked
@@ -129,17 +63,26 @@ def export(
         >>> stancekit.export(train, "minari").episodes
         12
     """
-    return exported(_opened(dataset), Path(folder), room=room, progress=progress)
+    return exported(rows_of(dataset), Path(folder), room=room, progress=progress)
 
 
 @overload
-def fit(  # type: ignore[overload-overlap]
-    dataset: Rows | Sequence[Rows], method: Literal["modes"], **settings: object
+def fit(
+    dataset: Rows | Sequence[Rows], method: Literal["modes"], **how: Any
 ) -> Modes: ...
 @overload
-def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object) -> Learned: ...
+def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **how: Any) -> Learned: ...
 @checked
-def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object) -> Learned | Modes:
+def fit(
+    dataset: Rows | Sequence[Rows],
+    method: str = "gmm",
+    *,
+    calibration: Rows | None = None,
+    checkpoint: str | Path | None = None,
+    workers: int | Executor = 1,
+    progress: Progress | None = None,
+    **settings: object,
+) -> Learned | Modes:
     """Learn a selector of envelopes from a labelled data set.
 
     Arguments:
@@ -148,6 +91,10 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
             boundary is fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural",
             "joint" (for P1 joined with the lift) and "rl" need torch. Or one that a package registered under
             ``stancekit.methods``, or "FILE.py:NAME".
+        calibration: rows to calibrate a neural selector on; a part of the data set where None.
+        checkpoint: file ("rl": folder) by which "ga", "neural" and "rl" go on where they were stopped.
+        workers: processes of "ga", or an executor; the result does not depend on them.
+        progress: called with steps done, and all.
         settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold, boxes, steps, batch,
             seed, ... Those that do not concern the method are refused.
     Returns:
@@ -164,9 +111,38 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
         ('RF', 'RR', 'LM')
     """
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
-    asked = typed(FitSettings, settings, "")
+    rows, asked = [rows_of(each) for each in several], typed(FitSettings, settings, "")
     asked.check_used(method)
-    return learn(method, [_opened(rows) for rows in several], asked)
+    if workers != 1 and method not in SPREAD:
+        raise InvalidInput(f"workers: expected 1 with a method other than {', '.join(SPREAD)}, got {workers}")
+    return learn(
+        method,
+        rows,
+        asked,
+        progress,
+        calibration=None if calibration is None else rows_of(calibration),
+        checkpoint=None if checkpoint is None else Path(checkpoint),
+        run=_executor(workers),
+    )
+
+
+def settings_of(method: str, given: Mapping[str, Any], config: Path | None = None) -> dict[str, Any]:
+    """The settings of ``fit`` that concern a method: those given, and those that a YAML file adds for several methods.
+
+    Raises InvalidInput for a setting that is wrong, that the method has no use for, or that the file should leave to
+    the others; what is wrong with the file begins with its name.
+    """
+    extra = {} if config is None else read_yaml(config)
+    for name in extra:
+        if name in given:
+            raise InvalidInput(f"{config}: {name}: expected as an option, --{name.replace('_', '-')}")
+    FitSettings(**given).check_used(method)  # what is wrong with these is not the file's fault
+    try:
+        settings = typed(FitSettings, {**given, **extra}, "")
+        settings.check(method)
+    except InvalidInput as error:
+        raise InvalidInput(f"{config or '--config'}: {error}") from None
+    return settings.concerning(method)
 
 
 @checked
@@ -176,15 +152,20 @@ def evaluate(
     *,
     projections: Sequence[Projection] = ("fix-p", "scp"),
     name: str = "selector",
+    workers: int | Executor = 1,
+    progress: Progress | None = None,
 ) -> Score:
     """How often P1 answers right over the envelopes that a selector chooses, and how often P2 gets back.
 
     Arguments:
-        selector: what ``fit`` returned, envelopes, a file of either, or "FILE.py:NAME".
+        selector: what ``fit`` returned, envelopes, a file of either, the name of one that ships, or "FILE.py:NAME"; or
+            "lift", which needs no envelopes.
         dataset: labelled rows that it was not learned from, or their folder; a ``Dataset`` has parts for that, see
             ``Dataset.only``.
         projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p".
         name: of the row.
+        workers: processes, or an executor, for example of a Ray cluster.
+        progress: called with problems played, and all.
     Returns:
         A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that P1 answers right,
         and of the feasible ones from which each projection reaches a verified posture.
@@ -201,35 +182,34 @@ def evaluate(
         >>> score.p1_feasible.of, score.p1_infeasible.of
         (6, 6)
     """
-    rows, learned = _opened(dataset), selector
-    if isinstance(learned, EnvelopeSet):
-        learned = Learned.fixed(name, learned)
-    elif not isinstance(learned, Learned):
-        learned = load_selector(learned)
-    check_same_class(rows, learned.problem_class, name)
-    check_unseen(rows, learned.provenance, name)
-    scenes = scenes_of(rows)
-    if not scenes:
-        raise InvalidInput(f"{rows}: expected feasible or not trivially infeasible rows, got none")
+    rows, learned = rows_of(dataset), None if selector == LIFT else selector_for(dataset, selector, name)
+    ways = tuple(dict.fromkeys(projections))
+    for way in ways:
+        PROJECTIONS.get(way)
+    if not (scenes := scenes_of(rows)):
+        raise InvalidInput(f"{rows.ledger.folder}: expected feasible or not trivially infeasible rows, got none")
+    run = _executor(workers)
+    if learned is None:
+        return evaluate_lift(scenes, projections=ways, progress=progress, run=run)
     return rolled_out(
-        name, learned, scenes, problem_class=rows.problem_class, projections=tuple(projections)
+        name, learned, scenes, problem_class=rows.problem_class, projections=ways, progress=progress, run=run
     )
 
 
-def _rows(rows: tuple[int, int] | int, old: dict[str, Any]) -> dict[str, Any]:
-    """The rows as a ``LabelPlan`` has them. Raises InvalidInput."""
-    for name, value in old.items():
-        check_argument(name, value, bool if name == "natural" else int)
-    if old:
-        if rows != USUAL_ROWS:
-            raise InvalidInput(f"{next(iter(old))}: expected none beside rows, got both")
-        return {"feasible": 500, "infeasible": 500, **old}
-    if not isinstance(rows, tuple):
-        return {"feasible": int(rows), "infeasible": 0, "natural": True}
-    if len(rows) != 2 or any(isinstance(count, bool) or not isinstance(count, Integral) for count in rows):
-        raise InvalidInput(f"rows: expected one integer, or two (feasible, infeasible), got {shown(rows)}")
-    return {"feasible": int(rows[0]), "infeasible": int(rows[1])}
+def selector_for(dataset: Rows, selector: Learned | EnvelopeSet | str | Path, name: str) -> Learned:
+    """A selector to evaluate on these rows; arguments as for ``evaluate``.
+
+    Raises InvalidInput for one of another class of problems, and for one that was trained or calibrated on the rows.
+    """
+    rows = rows_of(dataset)
+    if isinstance(selector, EnvelopeSet):
+        selector = Learned.fixed(name, selector)
+    elif not isinstance(selector, Learned):
+        selector = load_selector(selector)
+    check_same_class(rows, selector.problem_class, name)
+    check_unseen(rows, selector.provenance, name)
+    return selector
 
 
-def _opened(rows: Rows) -> Dataset:
-    return rows if isinstance(rows, Dataset) else Dataset.open(rows)
+def _executor(workers: int | Executor) -> Executor:
+    return processes(int(workers)) if isinstance(workers, int | Integral) else workers

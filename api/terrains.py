@@ -7,9 +7,6 @@ from pathlib import Path
 from stancekit.planners.arguments import checked, settings_from
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.robot_file import robot_of
-from stancekit.planners.terrain.elevation import ElevationMap
-from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
@@ -47,6 +44,10 @@ def terrain(
         >>> round(stancekit.terrain(level).area_m2, 2)
         3.84
     """
+    from stancekit.planners.robot.robot_file import robot_of
+    from stancekit.planners.terrain.elevation import ElevationMap
+    from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
+
     options = settings_from(ImportOptions, meaning, beside=("source", "friction", "robot", "limits"))
     if limits is None:
         limits = FootholdLimits() if robot is None else FootholdLimits.for_foot(_radius_m(robot_of(robot)))
@@ -57,6 +58,29 @@ def terrain(
         what = field.name or "a height field"
         raise InvalidInput(f"{further[0]}: expected none with {what}, which is read from no file")
     return footholds_of(ElevationMap.of_field(field), limits, friction)
+
+
+@checked
+def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> HeightField:
+    """Read a terrain as one height at every place, to ``walk`` over and to ``warp``.
+
+    Arguments:
+        source: a grid of heights, a mesh or a point cloud in a file; the name of a reference terrain ("ripple", "cone",
+            "hill", "pit", ...), a random one as "rough:0.5:7", or a function of x and y as "FILE.py:NAME".
+        smooth_m: deviation of a Gaussian that smooths the heights of a file [m].
+        meaning: what the numbers of a file mean, as for ``terrain``.
+    Returns:
+        The ``HeightField``.
+    Raises:
+        InvalidInput: for a file that cannot be read, an unknown name, and numbers out of range.
+    Source:
+        Paper W §V, for the reference terrains.
+    Example:
+        >>> import stancekit
+        >>> stancekit.heights("hill").domain_m
+        ((-4.0, 4.0), (-4.0, 4.0))
+    """
+    return named_terrain(str(source), settings_from(ImportOptions, meaning, beside=("source", "smooth_m")), smooth_m)
 
 
 def _radius_m(robot: Robot) -> float:

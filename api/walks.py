@@ -8,13 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from stancekit.planners.arguments import checked
+from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, read_only
+from stancekit.planners.files.arrays import Array, checked_int, read_only
 from stancekit.planners.files.arrays import checked as checked_number
-from stancekit.planners.gait.method.attempt import Attempt
-from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, plan_gait
-from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.gait.method.attempt import Attempt, Progress
+from stancekit.planners.gait.method.checkpoint import Checkpoint as Checkpoint
+from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, default_attempts, plan_gait
+from stancekit.planners.gait.method.smoothing import Smoothing
+from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.interrupts import interruptible
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.single_body import GaitRobot
@@ -33,8 +35,17 @@ FURTHER = (
     "cycle_s",
     "timings",
     "total_iterations",
+    "max_iterations",
+    "dynamics",
+    "hessian",
+    "raw",
+    "seeds",
+    "seed",
 )
-"""A limit, and fields of a ``GaitTask``, that ``walk`` takes by their names."""
+"""Fields of a ``GaitTask``, limits, and settings of the solves, that ``walk`` takes by their names."""
+LIMITS = {True: 80, False: 200}
+"""Iterations of one solve in a portfolio, and in one chart."""
+MOST_SEEDS = 1000
 OLD = {
     "heading_rad": "walk(..., start_yaw_rad=...)",
     "heading_end_rad": "walk(..., end_yaw_rad=...)",
@@ -50,7 +61,7 @@ def walk(
     *,
     start_xy_m: Array | Sequence[float] = (0.0, 0.0),
     robot: Robot | GaitRobot | str | Path = "anymal",
-    gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] = "trot",
+    gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] | None = None,
     duration_s: float = 10.0,
     chart: str = "portfolio",
     time_limit_s: float = 240.0,
@@ -64,7 +75,7 @@ def walk(
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
         robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a walker's numbers, a
             ``Robot`` with legs of its own, or what ``load`` gives of such a file.
-        gait: order of the steps; tripod is for six feet, the others are for four.
+        gait: order of the steps; tripod is for six feet, the others are for four; trot or tripod where None.
         duration_s: time to walk [s].
         chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or "FILE.py:NAME"); "portfolio"
             tries one after another until the verifier accepts.
@@ -74,7 +85,10 @@ def walk(
             ground, 0.75), adhesive (names of feet that stick: they may pull), suction_n (with how much; twice the
             weight where it is missing [N]), cycle_s (of the gait; its own where it is missing [s]), timings. Beside
             them total_iterations, a limit of the solvers' iterations: with a ``time_limit_s`` that is never met, 1e6,
-            the walk is the same on a busy computer.
+            the walk is the same on a busy computer; max_iterations of one solve (80 in a portfolio, 200 in one chart),
+            dynamics ("centred", "printed" as in the paper, "newton-euler"), hessian ("exact", "lbfgs"), raw (True takes
+            the first feasible point as it is), seeds (how many initial guesses of each chart to try, the smoothest
+            accepted walk is kept) and seed (of the perturbed ones).
     Returns:
         A ``GaitPlan``: ``trajectory`` is the walk that the verifier accepted, None where there is none, and ``message``
         says in one line what came of it.
@@ -98,16 +112,51 @@ def walk(
         raise InvalidInput(f"{both.pop()}: expected it once, got it in its old form, too")
     given |= moved
     limit_s = given.pop("time_limit_s", time_limit_s)
-    checked_number(limit_s, "time_limit_s", above=0.0)
-    iterations = given.pop("total_iterations", None)
-    caps = Caps(total_s=limit_s, total_iterations=iterations)
-    if iterations is not None:
-        caps = replace(caps, solve_s=limit_s)
+    return walked(
+        *asked_of(
+            terrain,
+            goal_xy_m,
+            start_xy_m=start_xy_m,
+            robot=robot,
+            gait=gait,
+            duration_s=duration_s,
+            chart=chart,
+            time_limit_s=limit_s,
+            **given,
+        )
+    )
+
+
+def asked_of(
+    terrain: HeightField | str | Path,
+    goal_xy_m: Array | Sequence[float],
+    *,
+    start_xy_m: Array | Sequence[float],
+    robot: Robot | GaitRobot | str | Path,
+    gait: str | None,
+    chart: str,
+    time_limit_s: float,
+    adhesive: Sequence[str] = (),
+    total_iterations: int | None = None,
+    max_iterations: int | None = None,
+    dynamics: Any = "centred",
+    hessian: Any = "exact",
+    raw: bool = False,
+    seeds: int = 1,
+    seed: int = 0,
+    **task: Any,
+) -> tuple[GaitTask, GaitSettings, Caps, list[Attempt]]:
+    """What ``plan_gait`` is asked: the arguments of ``walk``, with names and paths made values. Raises InvalidInput."""
+    checked_number(time_limit_s, "time_limit_s", above=0.0)
+    checked_int(seeds, "seeds", least=1, most=MOST_SEEDS)
+    checked_int(seed, "seed", least=0)
+    if max_iterations is not None:
+        checked_int(max_iterations, "max_iterations", least=1)
+    check_argument("raw", raw, bool)
     body = walker_from(robot)
-    sticky = given.pop("adhesive", ())
-    if isinstance(sticky, str) or not isinstance(sticky, Sequence):
-        raise InvalidInput(f"adhesive: expected a sequence (text each), got {sticky!r}")
-    if strange := [name for name in sticky if name not in body.foot_names]:
+    if isinstance(adhesive, str) or not isinstance(adhesive, Sequence):
+        raise InvalidInput(f"adhesive: expected a sequence (text each), got {adhesive!r}")
+    if strange := [name for name in adhesive if name not in body.foot_names]:
         wanted = f"some of {', '.join(body.foot_names)}"
         raise InvalidInput(f"adhesive: expected {wanted}, got {', '.join(map(str, strange))}")
     asked = GaitTask(
@@ -115,14 +164,41 @@ def walk(
         terrain=named_terrain(str(terrain)) if isinstance(terrain, str | Path) else terrain,
         start_xy_m=read_only(start_xy_m, (2,), "start_xy_m"),
         goal_xy_m=read_only(goal_xy_m, (2,), "goal_xy_m"),
-        duration_s=duration_s,
-        adhesive=tuple(name in sticky for name in body.foot_names),
-        gait=gait,
-        **given,
+        adhesive=tuple(name in adhesive for name in body.foot_names),
+        gait=gait or ("trot" if len(body.feet) == 4 else "tripod"),
+        **task,
     )
-    attempts = None if chart == "portfolio" else [Attempt(chart=chart)]
-    with interruptible(signal.SIGINT) as interrupted:
-        found = plan_gait(asked, progress=lambda *at: interrupted(), caps=caps, attempts=attempts)
+    several = chart == "portfolio"
+    most = max_iterations or LIMITS[several]
+    caps = Caps(iterations=most, total_s=time_limit_s, total_iterations=total_iterations)
+    if total_iterations is not None:
+        caps = replace(caps, solve_s=time_limit_s)
+    if raw:
+        caps = replace(caps, smoothing=Smoothing(rounds=0), densifications=0)
+    each = default_attempts(asked) if several else [Attempt(chart=chart)]
+    attempts = [one.perturbed(seed + k) if k else one for one in each for k in range(seeds)]
+    return asked, GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most), caps, attempts
+
+
+def walked(
+    task: GaitTask,
+    settings: GaitSettings,
+    caps: Caps,
+    attempts: Sequence[Attempt],
+    *,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
+    signals: tuple[signal.Signals, ...] = (signal.SIGINT,),
+) -> GaitPlan:
+    """The walk that was asked for. Raises KeyboardInterrupt at the next iteration after one of the signals."""
+    with interruptible(*signals) as interrupted:
+
+        def watched(*at: Any) -> bool:
+            return bool(progress and progress(*at)) or interrupted()
+
+        found = plan_gait(
+            task, settings=settings, progress=watched, caps=caps, attempts=attempts, checkpoint=checkpoint
+        )
     if found.stopped:
         raise KeyboardInterrupt
     return found

@@ -19,6 +19,8 @@ from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.evaluation.evaluate import Score, Share
+    from stancekit.learners.selectors.selector import Learned
+    from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
@@ -63,15 +65,9 @@ class Evaluate:
 
     def run(self) -> int:
         """Roll every selector out and print the table."""
-        from stancekit.envs.data.dataset import Dataset
-        from stancekit.envs.data.scenes import scenes_of
-        from stancekit.learners.data.executors import executor
-        from stancekit.learners.data.origin import check_of, check_unseen
-        from stancekit.learners.evaluation.evaluate import check_same_class, evaluate, evaluate_lift
-        from stancekit.learners.selectors.selector import Learned
-        from stancekit.learners.selectors.selector_file import load_selector
-        from stancekit.planners.formats.answer_file import read_envelopes
         from stancekit.planners.projection.project import PROJECTIONS
+        from stancekit.postures import read_envelopes
+        from stancekit.selectors import LIFT, evaluate, executor, rows_of, selector_for
 
         if not self.projection:
             raise InvalidInput("--projection: expected one or more projections, got none")
@@ -79,36 +75,25 @@ class Evaluate:
             PROJECTIONS.get(name)
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
-        dataset = Dataset.open(self.dataset).only(self.part)
-        check_of(dataset, self.robot, self.terrain)
-        selectors = [(str(path), Learned.fixed(path.stem, read_envelopes(path))) for path in self.envelope]
-        selectors += [(name, load_selector(name)) for name in self.selector]
-        for where, learned in selectors:
-            check_same_class(dataset, learned.problem_class, where)
-            check_unseen(dataset, learned.provenance, where)
-        scenes = scenes_of(dataset)
-        if not scenes:
-            raise InvalidInput(f"{self.dataset}: expected feasible or not trivially infeasible rows, got none")
-        ways = tuple(dict.fromkeys(self.projection))
-        run = executor(self.executor, workers=self.workers, address=self.address)
-        scores = []
-        for where, learned in selectors:
-            name = Path(where).stem if ".py:" not in where else where.rpartition(":")[2]
+        rows = rows_of(self.dataset, self.part, self.robot, self.terrain)
+        asked: list[tuple[str, EnvelopeSet | str]] = [(str(path), read_envelopes(path)) for path in self.envelope]
+        asked += [(name, name) for name in self.selector]
+        compared: list[tuple[str, Learned | str]] = [
+            (Path(where).stem if ".py:" not in where else where.rpartition(":")[2], selector_for(rows, selector, where))
+            for where, selector in asked
+        ]
+        compared += [(LIFT, LIFT)] if self.lift else []
+        workers, scores = executor(self.executor, workers=self.workers, address=self.address), []
+        for name, learned in compared:
             with progress(f"evaluate {name}") as bar:
                 scores.append(
-                    evaluate(
-                        name, learned, scenes, problem_class=dataset.problem_class, projections=ways, progress=bar,
-                        run=run,
-                    )
-                )  # fmt: skip
-        if self.lift:
-            with progress("evaluate lift") as bar:
-                scores.append(evaluate_lift(scenes, projections=ways, progress=bar, run=run))
+                    evaluate(learned, rows, projections=self.projection, name=name, workers=workers, progress=bar)
+                )
         if self.json:
             for score in scores:
                 emit(score.to_json())
         else:
-            out.print(score_table(dataset.problem_class, scores))
+            out.print(score_table(rows.problem_class, scores))
         return 0
 
 

@@ -16,8 +16,10 @@ from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.data.executor import Executor
-    from stancekit.learners.training.fit_settings import FitSettings
     from stancekit.planners.relaxation.envelope import EnvelopeSet
+
+SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
+"""Settings of methods that are options here."""
 
 
 @dataclass
@@ -75,29 +77,35 @@ class Fit:
 
     def run(self) -> int:
         """Fit and write."""
-        from stancekit.envs.data.dataset import Dataset
-        from stancekit.learners.data.origin import check_of
-        from stancekit.learners.selectors.selector import FixedSelector
-        from stancekit.learners.training.fitting import learn
+        from stancekit import Modes
         from stancekit.planners.files.writing import check_writable
-        from stancekit.planners.formats.answer_file import write_boxes
-        from stancekit.planners.relaxation.modes import Modes
+        from stancekit.selectors import fit, rows_of
 
         check_writable(self.out)
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
-        datasets = [Dataset.open(folder).only(self.part) for folder in self.dataset]
-        for dataset in datasets:
-            check_of(dataset, self.robot, self.terrain)
-        held = None if self.calibration is None else Dataset.open(self.calibration)
-        settings, run = self._settings(), self._executor()
+        rows = [rows_of(folder, self.part, self.robot, self.terrain) for folder in self.dataset]
+        settings, workers = self._settings(), self._executor()
         with progress(f"fit {self.method}") as bar:
-            learned = learn(self.method, datasets, settings, bar, calibration=held, checkpoint=self.checkpoint, run=run)
+            learned = fit(
+                rows,
+                self.method,
+                calibration=self.calibration,
+                checkpoint=self.checkpoint,
+                workers=workers,
+                progress=bar,
+                **settings,
+            )
         if isinstance(learned, Modes):
-            write_boxes(self.out, learned)
+            from stancekit.files import save
+
+            save(learned, self.out)
             return self._said(learned.boxes.problem_class, "modes", learned.boxes)
         learned.write(self.out)
-        fixed = learned.selector.envelopes if isinstance(learned.selector, FixedSelector) else None
+        try:
+            fixed = learned.envelopes
+        except InvalidInput:  # a network chooses them by the scene
+            fixed = None
         return self._said(learned.problem_class, "envelopes", fixed)
 
     def _said(self, problem_class: str, what: str, fitted: EnvelopeSet | None) -> int:
@@ -115,41 +123,28 @@ class Fit:
             out.print(line)
         return 0
 
-    def _executor(self) -> Executor:
-        """Where generations run. Raises InvalidInput, also where the method has none."""
-        from stancekit.learners.data.executors import executor
-        from stancekit.learners.training.fit_settings import SPREAD
+    def _executor(self) -> Executor | int:
+        """Where generations run; 1 where the method has none. Raises InvalidInput for another wish there."""
+        from stancekit.selectors import SPREAD, executor
 
         given = {"workers": self.workers != 1, "executor": self.executor != "processes", "address": self.address}
         for name, wanted in given.items():
             if wanted and self.method not in SPREAD:
                 raise InvalidInput(f"--{name}: expected with --method {' or '.join(SPREAD)}, got {self.method}")
+        if self.method not in SPREAD:
+            return 1
         with as_options():
             return executor(self.executor, workers=self.workers, address=self.address)
 
-    def _settings(self) -> FitSettings:
+    def _settings(self) -> dict[str, Any]:
         """The options and what the configuration file adds. Raises InvalidInput."""
-        from stancekit.learners.training.fit_settings import FitSettings
         from stancekit.planners.files.arrays import checked_int
-        from stancekit.planners.files.documents import read_yaml
-        from stancekit.planners.files.validation import typed
+        from stancekit.selectors import settings_of
 
         checked_int(self.seed, "--seed", least=0)
         if not 0.0 <= self.threshold < 1.0:
             raise InvalidInput(f"--threshold: expected a number in [0, 1), got {self.threshold:g}")
         if not self.time_limit_s > 0.0:
             raise InvalidInput(f"--time-limit-s: expected a number above 0, got {self.time_limit_s:g}")
-        own = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
-        given = {name: getattr(self, name) for name in own}
-        extra = {} if self.config is None else read_yaml(self.config)
-        for name in extra:
-            if name in own:
-                raise InvalidInput(f"{self.config}: {name}: expected as an option, --{name.replace('_', '-')}")
-        with as_options():
-            FitSettings(**given).check_used(self.method)  # what is wrong with the options is not the file's fault
-        try:
-            settings = typed(FitSettings, {**given, **extra}, "")
-            settings.check(self.method)
-        except InvalidInput as error:
-            raise InvalidInput(f"{self.config or '--config'}: {error}") from None
-        return settings
+        with as_options(*SETTINGS):
+            return settings_of(self.method, {name: getattr(self, name) for name in SETTINGS}, self.config)

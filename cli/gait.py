@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import signal
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 import tyro
 
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from stancekit.planners.gait.method.checkpoint import Checkpoint
     from stancekit.planners.gait.method.portfolio import Caps, GaitPlan
     from stancekit.planners.gait.task import GaitSettings, GaitTask
-
-LIMITS = {True: 80, False: 200}
-"""Iterations of a solve in a portfolio, and in one chart."""
 
 
 @dataclass
@@ -113,17 +110,14 @@ class Gait:
 
     def run(self) -> int:
         """Plan, verify, write, draw."""
-        from stancekit.planners.gait.method.checkpoint import Checkpoint
+        from stancekit.walks import Checkpoint
 
         from . import gait_answer
 
         self._check()
-        task = self._task()
-        with as_options():
-            settings, caps = self._settings(), self._caps()
-        attempts = self._attempts(task)
+        task, settings, caps, attempts = self._asked()
         checkpoint = Checkpoint(self.out, task, settings, attempts, caps.phases)
-        plan = self._plan(task, settings, caps, attempts, checkpoint)
+        plan = self._plan(task, settings, replace(caps, in_subprocess=True), attempts, checkpoint)
         best = plan.best
         if best is None:
             hint = "" if plan.failures or checkpoint.path is None else f"; remove {checkpoint.path} to try anew"
@@ -146,7 +140,6 @@ class Gait:
 
     def _check(self) -> None:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
-        from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.formats.trajectory_file import check_name
         from stancekit.planners.gait.charts import CHARTS
 
@@ -165,68 +158,39 @@ class Gait:
         if self.chart != "portfolio":
             with as_options():
                 CHARTS.get(self.chart)
-        checked_int(self.seeds, "--seeds", least=1, most=1000)
-        checked_int(self.seed, "--seed", least=0)
-        if self.max_iterations is not None:
-            checked_int(self.max_iterations, "--max-iterations", least=1)
 
-    def _task(self) -> GaitTask:
-        from stancekit.planners.files.validation import shown
-        from stancekit.planners.gait.task import GaitTask
+    def _asked(self) -> tuple[GaitTask, GaitSettings, Caps, list[Attempt]]:
+        """Task, settings, limits and attempts. Raises InvalidInput in the names of the options."""
+        from stancekit.walks import asked_of
 
         start, goal = gait_options.place(self.start, "--start"), gait_options.place(self.goal, "--goal")
-        robot = gait_options.robot(self.robot)
-        sticky = [name.strip() for name in self.adhesive.split(",")] if self.adhesive else []
-        unknown = sorted(set(sticky) - set(robot.foot_names))
-        if unknown:
-            raise InvalidInput(
-                f"--adhesive: expected some of {', '.join(robot.foot_names)}, got {shown(self.adhesive)}"
-            )
-        terrain = self.file.read(self.terrain)
+        end = self.heading_end
         try:
-            return GaitTask(
-                robot=robot,
-                terrain=terrain,
+            return asked_of(
+                self.file.read(self.terrain),
+                goal,
                 start_xy_m=start,
-                goal_xy_m=goal,
+                robot=self.robot,
                 start_yaw_rad=gait_options.heading(self.heading, goal - start),
-                end_yaw_rad=(
-                    None if self.heading_end is None
-                    else gait_options.heading(self.heading_end, goal - start, "--heading-end")
-                ),
+                end_yaw_rad=None if end is None else gait_options.heading(end, goal - start, "--heading-end"),
                 duration_s=self.duration_s,
                 friction=self.friction,
-                adhesive=tuple(name in sticky for name in robot.foot_names),
+                adhesive=[name.strip() for name in self.adhesive.split(",")] if self.adhesive else [],
                 suction_n=self.suction_n,
-                gait=self.gait or ("trot" if len(robot.feet) == 4 else "tripod"),
+                gait=self.gait,
                 cycle_s=self.cycle_s,
                 timings=self.timings,
+                chart=self.chart,
+                time_limit_s=self.total_s,
+                max_iterations=self.max_iterations,
+                dynamics=self.dynamics,
+                hessian=self.hessian,
+                raw=self.raw,
+                seeds=self.seeds,
+                seed=self.seed,
             )
         except InvalidInput as error:
             raise InvalidInput(gait_options.in_options(str(error))) from None
-
-    def _settings(self) -> GaitSettings:
-        from stancekit.planners.gait.task import GaitSettings
-
-        return GaitSettings(dynamics=self.dynamics, hessian=self.hessian, max_iterations=self._limit)
-
-    def _caps(self) -> Caps:
-        from stancekit.planners.gait.method.portfolio import Caps
-        from stancekit.planners.gait.method.smoothing import Smoothing
-
-        raw: dict[str, Any] = {"smoothing": Smoothing(rounds=0), "densifications": 0} if self.raw else {}
-        return Caps(iterations=self._limit, total_s=self.total_s, in_subprocess=True, **raw)
-
-    @property
-    def _limit(self) -> int:
-        return self.max_iterations or LIMITS[self.chart == "portfolio"]
-
-    def _attempts(self, task: GaitTask) -> list[Attempt]:
-        from stancekit.planners.gait.method.attempt import Attempt
-        from stancekit.planners.gait.method.portfolio import default_attempts
-
-        each = default_attempts(task) if self.chart == "portfolio" else [Attempt(chart=self.chart)]
-        return [one.perturbed(self.seed + k) if k else one for one in each for k in range(self.seeds)]
 
     # -------------------------------------------------------------------------------------------------- work
 
@@ -234,26 +198,22 @@ class Gait:
         self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], checkpoint: Checkpoint
     ) -> GaitPlan:
         """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
-        from stancekit.planners.gait.method.portfolio import plan_gait
-        from stancekit.planners.interrupts import interruptible
+        from stancekit.walks import walked
 
         if checkpoint.begun:
             err.print(f"{checkpoint.path}: goes on from what an interrupted run of this command kept")
-        with interruptible(signal.SIGINT, signal.SIGTERM) as interrupted, watching(self.terrain) as show:
-
-            def progress(*at: Any) -> bool:
-                show(*at)
-                return interrupted()
-
-            try:
-                plan = plan_gait(task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint)
-            except InvalidInput as error:
-                raise InvalidInput(gait_options.in_options(str(error))) from None
-        if plan.stopped:
-            if checkpoint.path is not None:
+        signals = (signal.SIGINT, signal.SIGTERM)
+        try:
+            with watching(self.terrain) as show:
+                return walked(
+                    task, settings, caps, attempts, progress=show, checkpoint=checkpoint, signals=signals
+                )
+        except InvalidInput as error:
+            raise InvalidInput(gait_options.in_options(str(error))) from None
+        except KeyboardInterrupt:
+            if checkpoint.path is not None and checkpoint.path.exists():
                 err.print(f"{checkpoint.path}: kept; the same command goes on from there")
-            raise KeyboardInterrupt
-        return plan
+            raise
 
     # ------------------------------------------------------------------------------------------------ output
 

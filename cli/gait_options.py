@@ -9,7 +9,6 @@ from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
-    from stancekit.planners.robot.single_body import GaitRobot
 
 
 def place(text: str, option: str) -> Array:
@@ -37,24 +36,19 @@ def heading(text: str, way: Array, option: str = "--heading") -> float:
         raise InvalidInput(f"{option}: expected an angle in rad, or goal, got {shown(text)}") from None
 
 
-def robot(name: str) -> GaitRobot:
-    """A robot by its name or its file. Raises InvalidInput."""
-    from stancekit.planners.robot.walker import named_walker
-
-    try:
-        return named_walker(name)
-    except InvalidInput as error:
-        message = str(error)
-        raise InvalidInput(f"--{message}" if message.startswith("robot: ") else message) from None
-
-
 def in_options(message: str) -> str:
     """A task's message with the names of its fields as the options that gave them."""
-    names = {"start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading", "end_yaw_rad": "heading_end"}
+    names = {
+        "time_limit_s": "total_s", "start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading",
+        "end_yaw_rad": "heading_end",
+    }  # fmt: skip
     parts = []
     for part in message.split("; "):
         name, colon, rest = part.partition(":")
-        same = ("duration_s", "friction", "gait", "cycle_s", "timings", "adhesive")
+        same = (
+            "duration_s", "friction", "gait", "cycle_s", "timings", "adhesive", "robot", "seeds", "seed",
+            "max_iterations", "dynamics", "hessian",
+        )  # fmt: skip
         known = names.get(name, name if name in same else "")
         parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
     return "; ".join(parts)

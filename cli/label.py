@@ -5,18 +5,26 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
-
-from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
 from .names import DISTRIBUTION, PROPOSERS, ROBOT, TERRAIN
 from .options import OptionalPath, OptionalText
 
-if TYPE_CHECKING:
-    from stancekit.learners.proposers.proposer import Proposers
+SETTINGS = (
+    "feasible",
+    "infeasible",
+    "feasible, infeasible",
+    "feasible, infeasible, shard_size",
+    "shard_size",
+    "seed",
+    "workers",
+    "executor",
+    "address",
+)
+"""What a message may begin with that is an option here."""
 
 
 @dataclass
@@ -60,31 +68,25 @@ class LabelPostures:
 
     def run(self) -> int:
         """Label and sum up."""
-        from stancekit.envs.data.ledger import LabelPlan, read_header
-        from stancekit.learners.data.executors import executor
-        from stancekit.learners.data.labelling import Progress, label
+        from stancekit.datasets import executor, label
 
-        proposers = None if self.proposers is None else _proposers(self.proposers)
-        with as_options():
-            plan = LabelPlan(
-                distribution=self.problem,
-                feasible=self.feasible,
-                infeasible=self.infeasible,
-                natural=self.natural,
-                seed=self.seed,
-                shard_size=self.shard_size,
-                robot=self.robot,
-                terrain=None if self.terrain is None else str(self.terrain),
-                proposers=None if proposers is None else proposers.digest,
-            )
+        with as_options(*SETTINGS):
             where = executor(self.executor, workers=self.workers, address=self.address)
-        with progress(f"label {self.problem}") as bar:
-
-            def on_progress(state: Progress) -> None:
-                bar(state.rows, plan.rows)
-
-            summary = label(plan, self.folder, run=where, progress=on_progress, proposers=proposers)
-        record, header = summary.to_json(), read_header(self.folder)
+            with progress(f"label {self.problem}") as bar:
+                dataset = label(
+                    self.problem,
+                    self.folder,
+                    robot=self.robot,
+                    terrain=self.terrain,
+                    rows=(self.feasible, self.infeasible),
+                    natural=self.natural,
+                    seed=self.seed,
+                    shard_size=self.shard_size,
+                    proposers=self.proposers,
+                    workers=where,
+                    progress=bar,
+                )
+        record, header = dataset.summary().to_json(), dataset.header
         if self.json:
             emit(record)
         else:
@@ -101,12 +103,3 @@ def _plain(value: dict[str, int] | float | None) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{count} {kind}" for kind, count in value.items() if count)
     return "–" if value is None else f"{value:.3g}"
-
-
-def _proposers(path: Path) -> Proposers:
-    """Networks that propose. Raises InvalidInput for a file that is missing or wrong, and where torch is missing."""
-    try:
-        from stancekit.learners.proposers.proposer import Proposers
-    except ModuleNotFoundError as error:
-        raise InvalidInput(f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'") from None
-    return Proposers.load(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.errors import InvalidInput
@@ -47,34 +46,6 @@ def plan_leap(asked: PlanCourse) -> int:
     if outcome.plan is None:
         complain(f"stancekit: no plan: {leap.name}: {reason}")
     return int(outcome.status is not Status.FEASIBLE)
-
-
-def verify_leap(path: Path, *, explain: bool, json: bool) -> int:
-    """Check the plan or the certificate in a file of a leap; exit code 1 where it is refused.
-
-    Raises InvalidInput for a file that holds neither.
-    """
-    from stancekit.planners.formats.leap_file import read_leap
-    from stancekit.planners.verify.leap_proof import check_leap_certificate, explain_leap
-    from stancekit.planners.verify.leaps import check_leap
-
-    found = read_leap(path)
-    if found.plan is not None:
-        report = check_leap(found.plan)
-        kind, accepted, message = "leap", report.accepted, report.message
-    elif found.certificate is not None:
-        proof = check_leap_certificate(found.leap, found.certificate)
-        kind, accepted, message = "no-leap", proof.accepted, proof.message
-        if explain and accepted:
-            message += "; " + explain_leap(found.leap, found.certificate).message
-    else:
-        raise InvalidInput(f"{path}: expected a leap with a plan or a certificate, got the question alone")
-    if json:
-        verdict = "accepted" if accepted else "refused"
-        emit({"where": str(path), "kind": kind, "verdict": verdict, "message": message})
-    else:
-        out.print(f"{path}: {message}")
-    return int(not accepted)
 
 
 def _method(asked: PlanCourse) -> Any:

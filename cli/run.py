@@ -108,22 +108,28 @@ class Run:
 
     def run(self) -> int:
         """Check, run, report."""
-        from stancekit.motions import LIFT, policy_of, run
+        from stancekit.motions import LIFT, WORLDS, check_run, policy_of, run
         from stancekit.planners.problem.course import Course
         from stancekit.runner.acceptance import Accepted, AcceptedGait
         from stancekit.runner.report import RunReport
         from stancekit.runner.safety.estop import on_signals
-        from stancekit.runner.worlds import WORLDS, WorldSettings
+        from stancekit.runner.worlds import WorldSettings
 
         with as_options("world"):
             kind = WORLDS.get(self.world)
         self._check(kind)
-        request = self._request()
-        policy, led = None, self.policy is not None
+        with as_options("speed_rad_s", "friction_share"):
+            settings = self._settings()
+        request, policy, led = self._request(), None, self.policy is not None
+        with as_options("friction_share", "blind", "policy"):
+            try:
+                check_run(request, self.world, settings, led=led)
+            except InvalidInput as error:
+                said = str(error).replace("got a policy", "got --policy").replace("timing:", "--pace:")
+                raise InvalidInput(said) from None
         with ExitStack() as stack:
             made_for = request.plan.course if isinstance(request, Accepted) else request
-            with as_options("speed_rad_s", "setup", "rate_hz", "actuators"):
-                settings = self._settings()
+            with as_options("setup", "rate_hz", "actuators"):
                 world = kind.make(
                     WorldSettings(
                         robot=made_for.robot, gravity_m_s2=made_for.gravity_m_s2, setup=self.setup,
@@ -159,18 +165,14 @@ class Run:
     def _request(self) -> Accepted | AcceptedGait | Course:
         """What PLAN is. Raises InvalidInput for what cannot be run, or not with these options."""
         from stancekit.motions import accepted_of, led_by_policy
-        from stancekit.runner.acceptance import AcceptedGait
 
         with as_options("policy"):
             if self.policy is not None:
                 return led_by_policy(self.plan)
             try:
-                request = accepted_of(self.plan)
+                return accepted_of(self.plan)
             except InvalidInput as error:
                 raise InvalidInput(str(error).replace("with a policy", "with --policy")) from None
-        if isinstance(request, AcceptedGait) and self.pace != 1.0:
-            raise InvalidInput("--pace: expected key frames: a gait runs as planned, or not at all")
-        return request
 
     def _report(self, succeeded: bool, record: dict[str, Any], table: Table) -> int:
         """Draw and print; the exit code."""
@@ -219,7 +221,6 @@ class Run:
         from stancekit.planners.files.writing import check_writable
 
         checked(self.pace, "--pace", least=0.05, most=4.0)
-        checked(self.friction_share, "--friction-share", above=0.0, most=1.0)
         if self.rate_hz is not None:
             checked(self.rate_hz, "--rate-hz", least=1.0, most=1000.0)
         if self.horizon is not None:
@@ -230,17 +231,13 @@ class Run:
         drawn = f"expected a plan or a gait in a simulated world with it, got {'--policy' if led else self.world}"
         without = "expected --policy with it, got none"
         for wrong, message in (
-            (self.friction_share != 1.0 and not simulated,
-             f"--friction-share: expected a simulated world with it, got {self.world}"),
             (self.try_estop and not self.arm, "--try-estop: expected --arm with it, got none"),
             (self.without_estop and not self.arm, "--without-estop: expected --arm with it, got none"),
             (self.try_estop and self.without_estop, "--try-estop: expected it without --without-estop, got both"),
-            (self.blind and (led or not simulated), f"--blind: {drawn}"),
             (self.actuators is not None and replayed,
              f"--actuators: expected none with world {self.world}: the log has its own"),
             (self.horizon is not None and not led, f"--horizon: {without}"),
             (self.replan_m is not None and not led, f"--replan-m: {without}"),
-            (led and replayed, f"--policy: expected a world that answers to what is done, got {self.world}"),
         ):  # fmt: skip
             if wrong:
                 raise InvalidInput(message)

@@ -11,7 +11,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import emit, out, progress
+from .console import as_options, emit, out, progress
 from .names import DISTRIBUTION, ROBOT, TERRAIN
 from .options import OptionalPath, OptionalText
 
@@ -49,19 +49,16 @@ class Sample:
 
     def run(self) -> int:
         """Draw and print."""
-        import numpy as np
-
-        from stancekit.envs.distributions.postures import distribution
         from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.files.writing import check_writable, write_text
+        from stancekit.samples import distribution, drawn
 
         checked_int(self.count, "--count", least=1, most=MOST)
         checked_int(self.seed, "--seed", least=0)
         if self.export is not None:
             return self._export(self.export)
         source = distribution(self.problem, robot=self.robot, terrain=self.terrain)
-        rng = np.random.default_rng(self.seed)
-        records = (source.sample(rng).to_json() for _ in range(self.count))
+        records = (problem.to_json() for problem in drawn(source, self.count, self.seed))
         if self.out is None:
             for record in records:
                 emit(record)
@@ -76,25 +73,13 @@ class Sample:
 
     def _export(self, folder: Path) -> int:
         """Write the scenes of a family."""
-        from stancekit.learners.data.scene_set import export_scenes
-        from stancekit.planners.plugins import split_name
-        from stancekit.planners.problem.family_scene import family_name
-        from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+        from stancekit.datasets import export_scenes
 
-        family, numbers = split_name(self.problem)
-        try:
-            hard = float(":".join(numbers)) if family_name(self.problem) else None
-        except ValueError:
-            hard = None
-        if hard is None:
-            raise InvalidInput(f"--export: expected FAMILY:LEVEL as in stairs:0.6, got {self.problem!r}")
         for name in ("robot", "terrain", "out"):
             if getattr(self, name) is not None:
                 raise InvalidInput(f"--{name}: expected none with --export, got {getattr(self, name)}")
-        with progress("scenes") as bar:
-            planner = TwoStageCoursePlanner()
-            index = export_scenes(folder, family, hard, count=self.count, planner=planner, seed=self.seed, progress=bar)
-        statuses = [scene["status"] for scene in index["scenes"]]
+        with as_options("export"), progress("scenes") as bar:
+            statuses = export_scenes(self.problem, folder, self.count, seed=self.seed, progress=bar)
         said = {status: statuses.count(status) for status in ("feasible", "infeasible", "undecided")}
         if self.json:
             emit({"out": str(folder), "scenes": self.count, **said})

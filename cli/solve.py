@@ -19,7 +19,6 @@ from .options import OptionalFloat, OptionalPath, OptionalText, check_planner
 
 if TYPE_CHECKING:
     from stancekit.planners.problem import PostureProblem
-    from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.planners.search.answer import Planner
 
 LIMITED = ("exact", "nlp", "micp")
@@ -74,32 +73,27 @@ class Solve:
 
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""
-        from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.files.writing import check_writable, write_text
-        from stancekit.planners.formats.answer_file import read_envelopes
-        from stancekit.planners.search.methods import PlannerOptions, make_planner, settings_of
+        from stancekit.postures import planner_of
 
         self._check()
         if self.out is not None:
             check_writable(self.out)
-        envelopes = None if self.envelope is None else read_envelopes(self.envelope)
+        given = {
+            "envelopes": self.envelope,
+            "relaxation": self.relaxation,
+            "projection": self.projection,
+            "solver": self.solver,
+            "intervals": self.intervals,
+        }
+        settings: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         with as_options(*SETTINGS):
-            taken = settings_of(self.method)
-            options = PlannerOptions(time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine))
-            given = {
-                "envelopes": envelopes,
-                "relaxation": self.relaxation,
-                "projection": self.projection,
-                "solver": self.solver,
-                "intervals": self.intervals,
-            }
-            settings = {name: value for name, value in given.items() if name in taken and value is not None}
-            planner = make_planner(self.method, options, **settings)
+            planner = planner_of(self.method, time_limit_s=self.time_limit_s, engine=self.engine, **settings)
         problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []
         with progress(f"solve by {self.method}") as bar:
             for where, problem in problems:
-                lines.append(self._answer(where, problem, planner, envelopes))
+                lines.append(self._answer(where, problem, planner))
                 if self.json:
                     emit(lines[-1])
                 bar(len(lines), len(problems))
@@ -119,24 +113,20 @@ class Solve:
         if self.method in METHODS and self.method not in LIMITED and self.time_limit_s is not None:
             raise InvalidInput(f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got {self.method}")
 
-    def _answer(
-        self, where: str, problem: PostureProblem | InvalidInput, planner: Planner, envelopes: EnvelopeSet | None
-    ) -> dict[str, Any]:
-        from stancekit.planners.formats.answer_file import outcome_to_json
-
+    def _answer(self, where: str, problem: PostureProblem | InvalidInput, planner: Planner) -> dict[str, Any]:
         if isinstance(problem, InvalidInput):
             return _invalid(where, problem)
+        from stancekit.postures import solve
+
         try:
-            if envelopes is not None:
-                envelopes.check_fits(problem)
-            outcome = planner.solve(problem)
+            outcome = solve(problem, planner)
         except InvalidInput as error:
             return _invalid(where, InvalidInput(f"{where}: {error}"))
-        return {"where": where, **outcome_to_json(outcome, proof=self.certificate)}
+        return {"where": where, **outcome.to_json(proof=self.certificate)}
 
 
 def _problems(files: tuple[str, ...]) -> Iterator[tuple[str, PostureProblem | InvalidInput]]:
-    from stancekit.planners.formats.answer_file import read_problems
+    from stancekit.postures import read_problems
 
     for name in files:
         try:

@@ -56,10 +56,10 @@ class TerrainFile:
 
     def read(self, name: str) -> HeightField:
         """The terrain of a name as one height at every place. Raises InvalidInput."""
-        from stancekit.planners.terrain.reference import named_terrain
+        from stancekit.terrains import heights
 
         with in_options():
-            return named_terrain(name, self.options(), self.smooth_m)
+            return heights(name, smooth_m=self.smooth_m, **vars(self.options()))
 
     def options(self) -> ImportOptions:
         """The same as the reader wants it. Raises InvalidInput."""

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import complain, emit, out, text_of
+from .console import as_options, complain, emit, out, text_of
 from .options import OptionalPath, OptionalText
 
 TOLERANCE = 1e-6
-TOLD_M = 1e-3
-"""A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of [m]."""
-EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
-"""What an answer of each status has to hold; none for one that decides nothing."""
 
 
 @dataclass
@@ -61,189 +56,43 @@ class Verify:
             if getattr(self, option) is not None and not (self.answers is None and self.problems.is_file()):
                 raise InvalidInput(f"--{option}: expected {wanted} file with it")
         if self.answers is None:
-            if not self.problems.exists():
-                from stancekit.envs.data.pools import folder_of
-
-                self.problems = folder_of(self.problems)  # one that ships
-            if not self.problems.exists():
-                raise InvalidInput(f"{self.problems}: expected a plan, proof, gait or data set, found nothing there")
             return self._file() if self.problems.is_file() else self._dataset()
-        refused = 0
-        invalid = 0
-        for record in self._verdicts(self.answers):
-            refused += record["verdict"] == "refused"
-            invalid += record["verdict"] == "invalid"
-            if record["verdict"] == "invalid":
+        from stancekit.checks import check_answers
+
+        verdicts = list[str]()
+        texts = [(text_of(file), str(file)) for file in (self.problems, self.answers)]
+        for record in check_answers(*texts, tolerance=self.tolerance, why=self.explain):
+            verdicts.append(record["verdict"])
+            if verdicts[-1] == "invalid":
                 complain(f"stancekit: error: {record['message']}")
             if self.json:
                 emit(record)
             else:
                 out.print(f"{record['where']}: {record['verdict']}: {record['message']}")
-        return 2 if invalid else int(refused > 0)
+        return 2 if "invalid" in verdicts else int("refused" in verdicts)
 
     def _file(self) -> int:
-        """A plan of key frames or a gait trajectory: one verdict."""
-        from stancekit.planners.files.documents import read_json
-        from stancekit.planners.formats import plan_file, proof_file
-        from stancekit.planners.formats import trajectory_file as record
-        from stancekit.planners.formats.leap_file import is_leap_file
+        """A plan of key frames, a proof or a gait trajectory: one verdict."""
+        from stancekit.checks import check_file
 
-        name = str(self.problems)
-        if is_leap_file(self.problems):
-            from .leap_plan import verify_leap
-
-            return verify_leap(self.problems, explain=self.explain, json=self.json)
-        try:
-            data = read_json(self.problems)
-        except InvalidInput as error:
-            if self.problems.suffix == ".json" and "broken at" in str(error):
-                raise
-            data = None  # problems come as JSON lines, too
-        if self.explain and not proof_file.is_proof(data):
-            raise InvalidInput(f"--explain: expected a file of answers with it, got {name} alone")
-        of_plan = plan_file.is_plan_file(self.problems)
-        if self.robot is not None and not (of_plan or record.is_trajectory(data)):
-            raise InvalidInput(f"--robot: expected a plan or a gait with it, got {name}")
-        if self.course is not None and not of_plan:
-            raise InvalidInput(f"--course: expected a plan with it, got {name}")
-        if of_plan:
-            checked = plan_file.check_file(
-                self.problems, tolerance=self.tolerance, robot=self._robot(),
-                course=None if self.course is None else self._course,
-            )  # fmt: skip
-            accepted, message, found = checked.accepted, checked.message, checked.to_json()
-        elif proof_file.is_proof(data):
-            if self.tolerance != TOLERANCE:
-                raise InvalidInput("--tolerance: expected none with a proof, which has to hold with room for any plan")
-            proof = proof_file.check_proof_file(self.problems)
-            accepted, message, found = proof.accepted, proof.message, proof.to_json()
-        elif record.is_trajectory(data):
-            if self.tolerance != TOLERANCE:
-                raise InvalidInput("--tolerance: expected none with a gait, whose groups have limits of their own")
-            report = record.check_file(self.problems, robot=self._walker())
-            accepted, message = report.accepted, report.message
-            verdict = "accepted" if accepted else "refused"
-            found = {"where": name, "kind": "gait", "verdict": verdict, **report.to_json()}
-        else:
-            raise InvalidInput(
-                f"{name}: expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+        with as_options("tolerance", "robot", "course", "explain"):
+            found = check_file(
+                self.problems, tolerance=self.tolerance, robot=self.robot, course=self.course, why=self.explain
             )
         if self.json:
-            emit(found)
+            emit(found.to_json())
         else:
-            out.print(f"{name}: {message}")
-        return int(not accepted)
-
-    def _robot(self) -> Any:
-        """The model of --robot; what reads it is slow to import."""
-        if self.robot is None:
-            return None
-        from stancekit.planners.robot.robot_file import named_robot
-
-        return named_robot(self.robot)
-
-    def _walker(self) -> Any:
-        """The same as a walker."""
-        if self.robot is None:
-            return None
-        from stancekit.planners.robot.walker import named_walker
-
-        return named_walker(self.robot)
-
-    def _course(self, frames: int) -> Any:
-        """The course of --course, of so many key frames where it can be had with others than its own."""
-        from stancekit.planners.problem.course_file import read_course
-
-        name = self.course or ""
-        robot = None if Path(name).suffix == ".json" else self.robot
-        course = read_course(name, None, robot)
-        try:
-            return course if course.frames == frames else read_course(name, frames, robot)
-        except InvalidInput:
-            return course
+            out.print(f"{self.problems}: {found.message}")
+        return int(not found.accepted)
 
     def _dataset(self) -> int:
-        from stancekit.envs.data.dataset import Dataset
-        from stancekit.learners.data.labelling import recheck
+        from stancekit.checks import check_rows
 
-        if self.explain or self.tolerance != TOLERANCE:
-            option = "--explain" if self.explain else "--tolerance"
-            raise InvalidInput(f"{option}: expected a file of answers with it, got a data set, which has its own plan")
-        report = recheck(Dataset.open(self.problems))
+        with as_options("explain", "tolerance"):
+            report = check_rows(self.problems, tolerance=self.tolerance, why=self.explain)
         if self.json:
             emit(report.to_json())
         else:
             for name, value in report.to_json().items():
                 out.print(f"{name:16} {value}")
         return int(not report.accepted)
-
-    def _verdicts(self, answers: Path) -> Iterator[dict[str, Any]]:
-        from stancekit.planners.formats.answer_file import answer_from_json, json_records, read_problems
-
-        problems = list(read_problems(text_of(self.problems), str(self.problems)))
-        claims = list(json_records(text_of(answers), str(answers)))
-        if len(problems) != len(claims):
-            raise InvalidInput(f"{answers}: expected {len(problems)} answers, one a problem, got {len(claims)}")
-        for (where, problem), (place, claim) in zip(problems, claims, strict=True):
-            if isinstance(problem, InvalidInput) or isinstance(claim, InvalidInput):
-                wrong = problem if isinstance(problem, InvalidInput) else claim
-                yield {"where": where, "verdict": "invalid", "message": str(wrong)}
-                continue
-            try:
-                yield {"where": where, **self._verdict(problem, answer_from_json(claim), _status(claim))}
-            except InvalidInput as error:
-                yield {"where": where, "verdict": "invalid", "message": f"{place}: {error}"}
-
-    def _verdict(self, problem: Any, answer: Any, status: str) -> dict[str, Any]:
-        from stancekit.planners.answer.outcome import Posture
-        from stancekit.planners.answer.report import or_null
-        from stancekit.planners.verify import check_certificate, check_posture, explain
-
-        kind = None if answer is None else "posture" if isinstance(answer, Posture) else "certificate"
-        if kind != EVIDENCE.get(status):
-            hint = " (solve with --certificate)" if status == "infeasible" else ""
-            message = f"it says {status} and comes with {_a(kind)}, expected {_a(EVIDENCE.get(status))}{hint}"
-            return {"verdict": "refused", "message": message}
-        if kind is None:
-            return {"verdict": "unclaimed", "message": f"the answer is {status}: nothing to check"}
-        if kind == "posture":
-            report = check_posture(problem, answer, tolerance=self.tolerance)
-            verdict = "accepted" if report.accepted else "refused"
-            message = _bare(report.message)
-            beyond_m = report.figures["exact_reach_m"]
-            if beyond_m > TOLD_M:
-                message += f"; {1e3 * beyond_m:.0f} mm out of reach with the exact rotation"
-            return {
-                "verdict": verdict,
-                "kind": "posture",
-                "message": message,
-                "digest": report.digest,
-                "exact_reach_m": or_null(beyond_m),
-                "residual_nm": or_null(report.figures["residual_nm"]),
-            }
-        proof = check_certificate(problem, answer)
-        message = _bare(proof.message)
-        if self.explain and proof.accepted:
-            message += "; " + explain(problem, answer).message
-        verdict = "accepted" if proof.accepted else "refused"
-        return {"verdict": verdict, "kind": "certificate", "message": message,
-                "lower_bound": min(proof.figures["lower_bound"], 1e6), "leaves": proof.figures["leaves"]}  # fmt: skip
-
-
-def _status(claim: Any) -> str:
-    """The status that an answer claims; where it has none, the one that its evidence speaks for."""
-    from stancekit.planners.files.arrays import checked_choice
-
-    known = ("feasible", "infeasible", "undecided", "invalid")
-    status = claim.get("status", "infeasible" if "certificate" in claim else "feasible" if "toes_m" in claim else None)
-    checked_choice(status, "status", known)
-    return str(status)
-
-
-def _a(kind: str | None) -> str:
-    return "nothing" if kind is None else f"a {kind}"
-
-
-def _bare(message: str) -> str:
-    """The verifier's message without the verdict that it begins with."""
-    return message.removeprefix("accepted: ").removeprefix("rejected: ")

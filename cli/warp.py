@@ -55,12 +55,10 @@ class Warp:
 
     def run(self) -> int:
         """Read the terrain, make the map, write and say what came of it."""
-        from stancekit.planners.files.arrays import checked_int
+        from stancekit.maps import warp
         from stancekit.planners.files.writing import check_writable
-        from stancekit.planners.warp.conformal import fit_map
 
         cells = numbers(self.cells, "--cells", int, 3)
-        checked_int(self.iterations, "--iterations", least=1, most=10000)
         if self.out is not None and self.out.suffix != ".npz":
             raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
         for path in (self.out, self.picture):
@@ -68,10 +66,13 @@ class Warp:
                 check_writable(path)
         terrain = self.file.read(self.terrain)
         with as_options():
-            fit = fit_map(
-                terrain, cells=(cells[0], cells[1], cells[2]), height_m=self.height_m, method=self.method,
+            fit = warp(
+                terrain,
+                cells=(cells[0], cells[1], cells[2]),
+                height_m=self.height_m,
+                method=self.method,
                 iterations=self.iterations,
-            )  # fmt: skip
+            )
         if self.out is not None:
             fit.map.to_file(self.out)
         if self.picture is not None:
@@ -87,12 +88,10 @@ class Warp:
 
 
 def _table(report: MapReport) -> Table:
-    from stancekit.planners.warp.report import spread
-
     table = Table(box=None, show_header=False)
     table.add_column(style="bold")
     table.add_column()
-    ground, torso = spread(report.ground_error), spread(report.torso_error)
+    record = report.to_json()
     folded = "" if report.least_det > 0.0 else " [red]the map folds[/]"
     where = ", ".join(f"{value:.2f}" for value in report.least_det_at_m)
     percent = "{mean:.1%} on average, {p95:.1%} at the 95th percentile, {max:.1%} at most"
@@ -103,8 +102,8 @@ def _table(report: MapReport) -> Table:
         ("min det J", f"{report.least_det:.3f} at ({where}) m{folded}"),
         ("match", f"{1e3 * report.match_m[0]:.3f} mm at most, {1e3 * report.match_m[1]:.3f} mm rms"),
         ("before the snap", f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm rms"),
-        ("conformal error", percent.format(**ground)),
-        ("  0.5 m above", percent.format(**torso)),
+        ("conformal error", percent.format(**record["ground_error"])),
+        ("  0.5 m above", percent.format(**record["torso_error"])),
         ("note", report.message),
     ):
         if text:

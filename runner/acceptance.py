@@ -55,7 +55,7 @@ class Accepted:
 
     def check_fits(self, world: World) -> None:
         """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose of the plan."""
-        check_joints(self.source, self.plan.course.robot, world)
+        check_joints(self.source, self.plan.course.robot, world, self.plan.course.gravity_m_s2)
         report = joint_report(self.plan, world.servo)
         if not report.accepted:
             raise InvalidInput(f"{self.source}: expected joints that can do it, they cannot: {report.message}")
@@ -119,8 +119,9 @@ def _said(report: Report[Plan]) -> str:
     return f"{report.message}; {report.body_message}" if report.body_message else report.message
 
 
-def check_joints(source: str, robot: Robot, world: World) -> None:
-    """Raise InvalidInput unless the world has the robot's joints, in their order, and is for such a robot."""
+def check_joints(source: str, robot: Robot, world: World, gravity_m_s2: float) -> None:
+    """Raise InvalidInput unless the world has the robot's joints, in their order, is for such a robot, and pulls as it
+    is planned for, where it says how it pulls."""
     wanted, found = joint_names(robot), world.joints
     if tuple(found) != wanted:
         lack, more = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
@@ -135,6 +136,11 @@ def check_joints(source: str, robot: Robot, world: World) -> None:
     wrong = _differs(robot, world.robot)
     if wrong:
         raise InvalidInput(f"{source}: expected the world's robot, the plan is for another: {wrong}")
+    pulls = getattr(world, "gravity_m_s2", None)
+    if pulls is not None and not np.isclose(pulls, gravity_m_s2, rtol=1e-6):
+        raise InvalidInput(
+            f"{source}: expected the world's gravity, {pulls:g} m/s², the plan is for another: {gravity_m_s2:g} m/s²"
+        )
 
 
 def _differs(plan: Robot, world: Robot) -> str:

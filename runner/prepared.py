@@ -135,7 +135,7 @@ def prepare_plan(
     if settings.check_limits:
         accepted.check_fits(world)
     else:
-        check_joints(accepted.source, plan.course.robot, world)
+        check_joints(accepted.source, plan.course.robot, world, plan.course.gravity_m_s2)
     course = plan.course
     if resumption is None:
         kinematics = Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
@@ -181,7 +181,7 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     if settings.odometry:
         raise InvalidInput("odometry: expected a plan, got a gait: two feet do not tell how the body is turned")
     trajectory = accepted.trajectory
-    check_joints(accepted.source, accepted.robot, world)
+    check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
     motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
     wished = _check_gait(motion, kinematics, world, hung=settings.hung) if settings.check_limits else None

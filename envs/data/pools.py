@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib import resources
 from pathlib import Path
 
@@ -15,4 +16,4 @@ def pools() -> dict[str, Path]:
 def folder_of(path: str | Path) -> Path:
     """This folder; that of a data set that ships where there is none of this name."""
     folder = Path(path)
-    return folder if folder.exists() else pools().get(str(path), folder)
+    return folder if os.path.exists(folder) else pools().get(str(path), folder)

@@ -6,10 +6,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.distributions.cut import identity_of
+from stancekit.envs.data.dataset import Dataset, Part
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
+
+
+def rows_of(
+    source: Dataset | str | Path, part: Part = "all", robot: str | None = None, terrain: str | Path | None = None
+) -> Dataset:
+    """The rows of a data set, of its folder, or of one that ships by its name; or a part of them.
+
+    robot, terrain: whose they have to be, where given. Raises InvalidInput for what is no data set, and for another's.
+    """
+    dataset = (source if isinstance(source, Dataset) else Dataset.open(source)).only(part)
+    check_of(dataset, robot, terrain)
+    return dataset
 
 
 def check_of(dataset: Dataset, robot: str | None, terrain: str | Path | None) -> None:
@@ -20,8 +31,12 @@ def check_of(dataset: Dataset, robot: str | None, terrain: str | Path | None) ->
         if asked != dataset.robot:
             wanted, got = (name or BUILT_IN[0] for name in (asked, dataset.robot))
             raise InvalidInput(f"{where}: robot: expected a data set of {wanted}, got one of {got}")
-    if terrain is not None and not dataset.problem_class.endswith(f"-on-{identity_of(terrain)}"):
-        wanted = identity_of(terrain)
+    if terrain is None:
+        return
+    from stancekit.envs.distributions.cut import identity_of  # loads scipy
+
+    wanted = identity_of(terrain)
+    if not dataset.problem_class.endswith(f"-on-{wanted}"):
         raise InvalidInput(f"{where}: terrain: expected a data set of {wanted}, got one of {dataset.problem_class}")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -68,7 +68,7 @@ class FitSettings:
 
     def concerning(self, method: str) -> dict[str, Any]:
         """The settings that this method uses, JSON-ready; of a method from elsewhere all."""
-        values = {name: getattr(self, name) for name in KNOBS.get(method, tuple(self.__dataclass_fields__))}
+        values = {name: getattr(self, name) for name in KNOBS.get(method, [each.name for each in fields(self)])}
         return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items()}
 
     def check_used(self, method: str) -> None:

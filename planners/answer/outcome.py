@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +13,9 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
 from ..problem.posture import PostureProblem
+
+UNBOUNDED = 1e6
+"""Stands in files for a lower bound of infinity: the problem has no answer even without its moment balance."""
 
 
 class Status(enum.StrEnum):
@@ -208,3 +212,27 @@ class Outcome:
     claim: str = ""
     message: str = ""
     details: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self, *, proof: bool = False) -> dict[str, Any]:
+        """Return JSON-ready values, a line of a file of answers. proof: with the certificate."""
+        numbers = {"residual_nm": self.residual_nm, "residual": self.residual}
+        record: dict[str, Any] = {
+            "status": self.status.value,
+            "method": self.method,
+            **_finite(numbers),
+            "lower_bound": min(self.lower_bound, UNBOUNDED),
+            "seconds": self.seconds,
+            "solves": self.solves,
+        }
+        if self.posture is not None:
+            record |= self.posture.to_json()
+        further = {"claim": self.claim, "message": self.message, "details": _finite(self.details)}
+        record |= {name: value for name, value in further.items() if value}
+        if proof and self.certificate is not None:
+            record["certificate"] = self.certificate.to_json()
+        return record
+
+
+def _finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    """The numbers, None where they are not finite: JSON has no other."""
+    return {name: value if math.isfinite(value) else None for name, value in numbers.items()}

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..answer.outcome import Certificate, Outcome, Posture
+from ..answer.outcome import Certificate, Posture
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
 from ..files.documents import parse_json, read_json
@@ -21,8 +21,6 @@ from ..robot import Robot
 Read = TypeVar("Read")
 MOST_RECORDS = 500_000
 """Of a file of JSON lines."""
-UNBOUNDED = 1e6
-"""Stands in files for a lower bound of infinity: the problem has no answer even without its moment balance."""
 
 
 def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
@@ -84,30 +82,6 @@ def read_boxes(path: str | Path) -> EnvelopeSet | Modes:
     return read_modes(path) if isinstance(data, dict) and data.get("format") == MODES else read_envelopes(path)
 
 
-def outcome_to_json(outcome: Outcome, *, proof: bool = False) -> dict[str, Any]:
-    """One line of answers: see ``stancekit solve --help``. proof: with the certificate of an infeasible verdict."""
-    record: dict[str, Any] = {
-        "status": outcome.status.value,
-        "method": outcome.method,
-        "residual_nm": _finite(outcome.residual_nm),
-        "residual": _finite(outcome.residual),
-        "lower_bound": min(outcome.lower_bound, UNBOUNDED),
-        "seconds": outcome.seconds,
-        "solves": outcome.solves,
-    }
-    if outcome.posture is not None:
-        record |= outcome.posture.to_json()
-    if outcome.claim:
-        record["claim"] = outcome.claim
-    if outcome.message:
-        record["message"] = outcome.message
-    if outcome.details:
-        record["details"] = {name: _finite(value) for name, value in outcome.details.items()}
-    if proof and outcome.certificate is not None:
-        record["certificate"] = outcome.certificate.to_json()
-    return record
-
-
 def answer_from_json(data: Any) -> Posture | Certificate | None:
     """Read what a line of answers claims: a posture, a certificate, or nothing to check. Raises InvalidInput."""
     if not isinstance(data, dict):
@@ -145,7 +119,3 @@ def _located(path: str | Path, read: Callable[[], Read]) -> Read:
     except InvalidInput as error:
         text = str(error)
         raise InvalidInput(text if text.startswith(str(path)) else f"{path}: {text}") from None
-
-
-def _finite(value: float) -> float | None:
-    return value if abs(value) < float("inf") else None

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..answer.leap_plan import NUMBERS, LeapPlan
 from ..answer.outcome import Certificate
+from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
 from ..files.documents import read_json, read_yaml
@@ -18,6 +19,9 @@ from ..files.writing import write_text
 from ..problem.leap import Leap
 from ..problem.leap_json import FORMAT, leap_from_keys, leap_to_json
 from ..robot.robot_file import YAML
+from ..verify.leap_proof import check_leap_certificate, explain_leap
+from ..verify.leaps import check_leap
+from .file_check import FileCheck
 
 PLAN = ("timing", "choice", *NUMBERS, "provenance")
 
@@ -75,6 +79,25 @@ def is_leap_file(path: str | Path) -> bool:
         return is_leap(read_yaml(path) if path.suffix in YAML else read_json(path))
     except InvalidInput:
         return False
+
+
+def check_file(path: str | Path, *, why: bool = False) -> FileCheck:
+    """Check the plan or the certificate in a file of a leap.
+
+    Arguments:
+        path: of the file.
+        why: say of a proof what would have to give.
+    Raises InvalidInput for a file that holds neither.
+    """
+    found = read_leap(path)
+    if found.plan is not None:
+        report: Report[Any] = check_leap(found.plan)
+        return FileCheck(path=str(path), kind="leap", report=report, message=report.message)
+    if found.certificate is None:
+        raise InvalidInput(f"{path}: expected a leap with a plan or a certificate, got the question alone")
+    report = check_leap_certificate(found.leap, found.certificate)
+    reason = f"; {explain_leap(found.leap, found.certificate).message}" if why and report.accepted else ""
+    return FileCheck(path=str(path), kind="no-leap", report=report, message=report.message + reason)
 
 
 def plan_to_json(plan: LeapPlan) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,11 +30,12 @@ from ..problem.course_comparison import course_difference
 from ..problem.course_json import course_from_json, course_to_json
 from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
+from .file_check import FileCheck
 
 if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel
 
-__all__ = ["FORMAT", "FileCheck", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
+__all__ = ["FORMAT", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
 
 FORMAT = "stancekit/plan/3"
 OLDER = "stancekit/plan/2"
@@ -50,47 +50,6 @@ OF_JOINTS = ("joints", "torque")
 """Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
 ARRAYS: dict[str, dict[str, type]] = {FORMAT: {"npz": str}, OLDER: {"npz": str}, PAIRED: {"file": str, "sha256": str}}
 """And where the numbers are, by format."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FileCheck:
-    """What a second look at a plan file says. same: the verdict and digest in the file are those of this look.
-    unfounded: what the file lists as checked and nobody can check, by what the file itself says of its robot. older:
-    the format of a file that says less of its robot than files do now, empty else."""
-
-    path: str
-    report: Report[Plan]
-    same: bool
-    unfounded: tuple[str, ...] = ()
-    older: str = ""
-
-    @property
-    def accepted(self) -> bool:
-        """The plan is accepted, the file says so, too, and the robot can do it as far as that could be checked."""
-        return self.report.accepted and self.same and not self.unfounded
-
-    @property
-    def message(self) -> str:
-        """One line."""
-        parts = [self.report.message, *filter(None, [self.report.body_message])]
-        if not self.same:
-            parts.append("the file claims another verdict")
-        if self.unfounded:
-            parts.append(f"the file lists as checked what nobody can check: {', '.join(self.unfounded)}")
-        if self.older:
-            parts.append(f"a file of {self.older}, which has no hulls of its robot's meshes")
-        return "; ".join(parts)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values."""
-        verdict = "accepted" if self.accepted else "refused"
-        return {
-            "where": self.path,
-            "kind": "plan",
-            "verdict": verdict,
-            "message": self.message,
-            "report": self.report.to_json(),
-        }
 
 
 def plan_paths(path: str | Path) -> tuple[Path, Path]:
@@ -202,7 +161,15 @@ def check_file(
     unfounded = [name for name in OF_JOINTS if listed.get(name) == "not checked"] if find_spec("pinocchio") else []
     bare = own is not None and any(shape.kind == "mesh" for shape in own.shapes)
     older = header["format"] if bare and header["format"] != FORMAT else ""
-    return FileCheck(path=str(path), report=report, same=same, unfounded=tuple(unfounded), older=older)
+    parts = [
+        report.message,
+        report.body_message,
+        "" if same else "the file claims another verdict",
+        f"the file lists as checked what nobody can check: {', '.join(unfounded)}" if unfounded else "",
+        f"a file of {older}, which has no hulls of its robot's meshes" if older else "",
+    ]
+    message = "; ".join(filter(None, parts))
+    return FileCheck(path=str(path), kind="plan", report=report, message=message, same=same, founded=not unfounded)
 
 
 def is_plan_file(path: str | Path) -> bool:

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ..answer.outcome import Certificate
 from ..errors import InvalidInput
@@ -20,43 +19,13 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from ..problem.course_json import course_from_json, course_to_json
 from ..problem.posture import FORMAT as POSTURE
-from ..verify import Report, check_certificate, explain
+from ..verify import check_certificate, explain
+from .file_check import FileCheck
 
 FORMAT = "stancekit/proof/1"
 OLD = "stancekit/no-plan/1"
 SUBJECT = {FORMAT: "subject", OLD: "course"}
 """The key under which a file of each format has its problem or course."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ProofCheck:
-    """What a look at a proof file says. kind: no-plan or no-posture; reason: what an accepted proof gives as one."""
-
-    path: str
-    kind: str
-    name: str
-    proof: Report[Certificate]
-    reason: str
-
-    @property
-    def accepted(self) -> bool:
-        """The certificate in the file proves that what is in the file has no answer."""
-        return self.proof.accepted
-
-    @property
-    def message(self) -> str:
-        """One line."""
-        return f"{self.name}: {self.reason if self.accepted else self.proof.message}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values."""
-        return {
-            "where": self.path,
-            "kind": self.kind,
-            "verdict": "accepted" if self.accepted else "refused",
-            "message": self.message,
-            "leaves": self.proof.figures["leaves"],
-        }
 
 
 def write_proof(path: str | Path, subject: PostureProblem | Course, certificate: Certificate) -> None:
@@ -94,18 +63,15 @@ def read_proof(path: str | Path) -> tuple[PostureProblem | Course, Certificate]:
     return found, certificate
 
 
-def check_proof_file(path: str | Path) -> ProofCheck:
+def check_proof_file(path: str | Path) -> FileCheck:
     """Check a proof file by the independent checker. Raises InvalidInput for a file that cannot be read."""
     subject, certificate = read_proof(path)
     proof = check_certificate(subject, certificate)
     of_course = isinstance(subject, Course)
-    return ProofCheck(
-        path=str(path),
-        kind="no-plan" if of_course else "no-posture",
-        name=subject.name if isinstance(subject, Course) else f"posture on {', '.join(subject.legs)}",
-        proof=proof,
-        reason=explain(subject, certificate).message if proof.accepted else "",
-    )
+    name = subject.name if isinstance(subject, Course) else f"posture on {', '.join(subject.legs)}"
+    reason = explain(subject, certificate).message if proof.accepted else proof.message
+    kind: Literal["no-plan", "no-posture"] = "no-plan" if of_course else "no-posture"
+    return FileCheck(path=str(path), kind=kind, report=proof, message=f"{name}: {reason}")
 
 
 def is_proof(data: Any) -> bool:

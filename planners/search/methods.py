@@ -491,7 +491,7 @@ def make_planner(method: str | Method, options: PlannerOptions = PlannerOptions(
 
     with foreign(f"method {method}"):
         planner = make(_copied(options, POSTURE_LIMIT_S, settings))
-    return VerifiedPlanner(planner, method, options.acceptance)
+    return VerifiedPlanner(planner, method, options.acceptance, settings.get("envelopes"))
 
 
 def make_course_planner(

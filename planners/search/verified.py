@@ -11,7 +11,7 @@ import json
 import time
 from collections.abc import Callable
 from copy import deepcopy
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..answer.outcome import Certificate, Outcome, Posture, Status
 from ..answer.plan import Plan
@@ -23,6 +23,9 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from .answer import Acceptance, Claim, Limitable
 from .clock import Clock
+
+if TYPE_CHECKING:
+    from ..relaxation.envelope import EnvelopeSet
 
 Evidence = TypeVar("Evidence", Posture, Certificate, Plan)
 NUMBERS = {
@@ -36,15 +39,20 @@ NUMBERS = {
 class VerifiedPlanner:
     """A planner of postures from elsewhere; its ``solve`` gives an ``Outcome``, or a posture or certificate alone.
 
-    None, and an outcome without evidence, is undecided, whatever it claims.
+    None, and an outcome without evidence, is undecided, whatever it claims. envelopes: that it was made with.
     """
 
-    def __init__(self, planner: Any, name: str, acceptance: Acceptance) -> None:
+    def __init__(
+        self, planner: Any, name: str, acceptance: Acceptance, envelopes: EnvelopeSet | None = None
+    ) -> None:
         self._planner, self.name, self._acceptance = _solving(planner, f"method {name}"), name, acceptance
+        self._envelopes = envelopes
 
     def solve(self, problem: PostureProblem) -> Outcome:
-        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, and a planner that
-        raises."""
+        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that
+        raises, and envelopes that were learned for other problems."""
+        if self._envelopes is not None:
+            self._envelopes.check_fits(problem)
         begin, where = time.perf_counter(), f"method {self.name}"
         posture, certificate, rest = _asked(self._planner, problem, where, Outcome, Posture)
         solves, claim = rest.pop("solves", 0), Claim(found=posture, certificate=certificate, **rest)

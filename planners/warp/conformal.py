@@ -52,7 +52,18 @@ MOST_CONTROLS = 200_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapFit:
-    """A map and its report."""
+    """A map that flattens a terrain, and what is known of it.
+
+    Arguments:
+        map: from the band [m] to the world [m]; ``to_file`` writes it.
+        report: ``least_det``, how far its ground is from the terrain, conformal error, and what it cost.
+    Source:
+        Paper W §IV.
+    Example:
+        >>> import stancekit
+        >>> stancekit.warp("hill", cells=(8, 8, 3)).report.cells
+        (8, 8, 3)
+    """
 
     map: SplineMap
     report: MapReport

@@ -111,6 +111,7 @@ class SafeWorld:
         self.latch: StopLatch = world.latch
         self.name, self.kind, self.robot, self.servo = world.name, world.kind, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz
+        self.gravity_m_s2: float | None = getattr(world, "gravity_m_s2", None)
         self.capabilities = capabilities_of(world)
         self._bounds = _bounds(self.capabilities, limits)
         self._path = np.full(len(world.joints), limits.path_rad)

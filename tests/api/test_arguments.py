@@ -9,11 +9,12 @@ import pytest
 import stancekit
 
 VERBS = (
-    "draw", "evaluate", "explain", "export", "film", "fit", "label", "load", "plan", "robot", "run", "sample", "save",
-    "simulate", "solve", "terrain", "verify", "walk",
+    "draw", "evaluate", "explain", "export", "film", "fit", "heights", "label", "load", "plan", "robot", "run",
+    "sample", "save", "simulate", "solve", "terrain", "verify", "walk", "warp",
 )  # fmt: skip
 BY_NAME = {
-    ("fit", "settings"), ("label", "old"), ("plan", "old"), ("solve", "old"), ("terrain", "meaning"), ("walk", "task"),
+    ("fit", "settings"), ("label", "further"), ("plan", "old"), ("solve", "old"), ("terrain", "meaning"),
+    ("walk", "task"), ("heights", "meaning"),
 }  # fmt: skip
 """Arguments that have names of their own, checked by who knows them."""
 
@@ -50,7 +51,8 @@ def fine() -> dict[str, dict[str, Any]]:
         "evaluate": {"selector": "e.json", "dataset": "data"}, "load": {"path": "a"},
         "save": {"thing": problem, "path": "a.json"}, "robot": {"source": "hexapod"}, "terrain": {"source": "ripple"},
         "film": {"motion": walk, "out": "a.mp4"}, "export": {"dataset": "data", "folder": "minari"},
-        "simulate": {"motion": walk}, "run": {"motion": walk},
+        "heights": {"source": "hill"}, "warp": {"terrain": "hill"}, "simulate": {"motion": walk},
+        "run": {"motion": walk},
     }  # fmt: skip
 
 

@@ -11,15 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
+from stancekit.planners.answer.outcome import UNBOUNDED, Certificate, Outcome, Posture, Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import parse_json, read_text
 from stancekit.planners.files.writing import write_bytes, write_text
 from stancekit.planners.formats.answer_file import (
-    UNBOUNDED,
     answer_from_json,
     json_records,
-    outcome_to_json,
     read_envelopes,
     read_problems,
 )
@@ -263,7 +261,7 @@ def outcomes(programs, drawn):
 @pytest.mark.parametrize("proof", [True, False])
 def test_an_outcome_is_strict_json_that_can_be_checked(outcomes, name, proof):
     problem, outcome = outcomes[name]
-    record = json.loads(json.dumps(outcome_to_json(outcome, proof=proof), allow_nan=False))
+    record = json.loads(json.dumps(outcome.to_json(proof=proof), allow_nan=False))
     assert record["status"] == outcome.status.value
     assert (record["method"], record["solves"], record["seconds"]) == (outcome.method, outcome.solves, outcome.seconds)
     answer = answer_from_json(record)
@@ -291,7 +289,7 @@ def test_numbers_that_are_none_become_null():
         details={"margin": np.inf, "gap": np.nan, "chosen": 1.0},
         lower_bound=np.inf,
     )
-    record = outcome_to_json(outcome)
+    record = outcome.to_json()
     json.dumps(record, allow_nan=False)
     assert record["details"] == {"margin": None, "gap": None, "chosen": 1.0}
     assert (record["residual"], record["residual_nm"], record["lower_bound"]) == (None, None, UNBOUNDED)

@@ -27,7 +27,7 @@ def test_every_order_finds_a_leap_that_the_verifier_accepts(leap: Leap, order) -
     assert outcome.status is Status.FEASIBLE
     assert outcome.report is not None
     assert outcome.report.accepted
-    assert outcome.report.momentum_error < 1e-3
+    assert outcome.report.figures["momentum_error"] < 1e-3
 
 
 def test_random_choices_are_untried_ones(leap: Leap) -> None:
@@ -111,7 +111,7 @@ def test_the_planners_bound_is_that_of_the_check(refuted: LeapOutcome) -> None:
     leap, proof = refuted.problem, refuted.certificate
     assert proof is not None
     if len(proof.multipliers) == 1:
-        bound = check_leap_certificate(leap, proof).lower_bound
+        bound = check_leap_certificate(leap, proof).figures["lower_bound"]
         numbers = LeapNumbers.of(leap)
         cut = proof_cut(numbers, proof.multipliers[0])
         assert cut.least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-6)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import ForceDistribution, Loads
@@ -179,7 +180,8 @@ def test_what_comes_is_accepted_and_never_worse(climb: Plan, torque_nm: float) -
 
 
 def test_a_result_that_the_verifier_refuses_is_none(climb: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    refused = type("Refused", (), {"accepted": False, "contacts": False, "late": False, "bodies": {}, "motion": {}})()
+    nothing = staticmethod(lambda name: Group(name))
+    refused = type("Refused", (), {"accepted": False, "contacts": False, "late": False, "group": nothing})()
     asked = list[Plan]()
 
     def check(plan: Plan, **options: Any) -> Any:

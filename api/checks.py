@@ -1,0 +1,218 @@
+"""Files of answers, checked anew: those that carry their question, and answers beside their problems."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stancekit.planners.answer.outcome import UNBOUNDED, Certificate, Posture
+from stancekit.planners.answer.report import or_null
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_choice
+from stancekit.planners.files.documents import read_json
+from stancekit.planners.formats.answer_file import answer_from_json, json_records, read_problems
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.verify import check_certificate, check_posture, explain
+
+if TYPE_CHECKING:
+    from stancekit.envs.data.dataset import Dataset
+    from stancekit.learners.data.labelling import RecheckReport
+    from stancekit.planners.formats.file_check import FileCheck
+    from stancekit.planners.problem.course import Course
+
+TOLERANCE = 1e-6
+"""Largest violation of an accepted posture or plan where no other is given."""
+TOLD_M = 1e-3
+"""A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of [m]."""
+EVIDENCE = {"feasible": Posture, "infeasible": Certificate, "undecided": None, "invalid": None}
+"""What an answer of each status has to hold."""
+CALLED = {Posture: "a posture", Certificate: "a certificate", None: "nothing"}
+
+
+def check_file(
+    path: str | Path,
+    *,
+    tolerance: float = TOLERANCE,
+    robot: str | Path | None = None,
+    course: str | None = None,
+    why: bool = False,
+) -> FileCheck:
+    """Check a file of a plan, a proof, a leap or a walk against the question in it, whatever it says of itself.
+
+    tolerance: of a plan. robot: a name or a file, whose a plan or a walk has to be. course: as ``plan`` takes it, which
+    a plan has to be of. why: a reason is asked for, which proofs alone have. Raises InvalidInput for a file that holds
+    none of them, and for one of another robot or course.
+    """
+    from stancekit.planners.formats import leap_file, plan_file, proof_file, trajectory_file
+    from stancekit.planners.formats.file_check import FileCheck
+
+    name = str(path)
+    if leap_file.is_leap_file(path):
+        for option, given in (("robot", robot), ("course", course)):
+            if given is not None:
+                raise InvalidInput(f"{option}: expected a plan with it, got {name}, a leap, which has its own")
+        if tolerance != TOLERANCE:
+            raise InvalidInput("tolerance: expected none with a leap, whose verdict has its own")
+        return leap_file.check_file(path, why=why)
+    try:
+        data = read_json(path)
+    except InvalidInput as error:
+        if Path(path).suffix == ".json" and "broken at" in str(error):
+            raise
+        data = None  # problems come as JSON lines, too
+    of_plan, of_gait = plan_file.is_plan_file(path), trajectory_file.is_trajectory(data)
+    if why and not proof_file.is_proof(data):
+        raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
+    if robot is not None and not (of_plan or of_gait):
+        raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
+    if course is not None and not of_plan:
+        raise InvalidInput(f"course: expected a plan with it, got {name}")
+    if of_plan:
+        from stancekit.planners.robot.robot_file import named_robot
+
+        return plan_file.check_file(
+            path,
+            tolerance=tolerance,
+            robot=None if robot is None else named_robot(robot),
+            course=None
+            if course is None
+            else _course(course, None if robot is None else str(robot)),
+        )
+    if proof_file.is_proof(data):
+        if tolerance != TOLERANCE:
+            raise InvalidInput(
+                "tolerance: expected none with a proof, which has to hold with room for any plan"
+            )
+        return proof_file.check_proof_file(path)
+    if not of_gait:
+        wanted = (
+            "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+        )
+        raise InvalidInput(f"{name}: {wanted}")
+    if tolerance != TOLERANCE:
+        raise InvalidInput(
+            "tolerance: expected none with a gait, whose groups have limits of their own"
+        )
+    from stancekit.planners.robot.walker import named_walker
+
+    report = trajectory_file.check_file(path, robot=None if robot is None else named_walker(robot))
+    return FileCheck(path=name, kind="gait", report=report, message=report.message)
+
+
+def check_rows(
+    source: Dataset | str | Path, *, tolerance: float = TOLERANCE, why: bool = False
+) -> RecheckReport:
+    """Check every witness and every certificate of a data set, of its folder, or of one that ships by its name.
+
+    tolerance, why: as for files, which are refused here. Raises InvalidInput also for what is no data set.
+    """
+    from stancekit.envs.data.dataset import Dataset
+    from stancekit.envs.data.pools import folder_of
+    from stancekit.learners.data.labelling import recheck
+
+    if not isinstance(source, Dataset) and not os.path.exists(folder_of(source)):
+        raise InvalidInput(
+            f"{source}: expected a plan, proof, gait or data set, found nothing there"
+        )
+    for name, given in (("explain", why), ("tolerance", tolerance != TOLERANCE)):
+        if given:
+            wanted = "expected a file of answers with it, got a data set, which has its own plan"
+            raise InvalidInput(f"{name}: {wanted}")
+    return recheck(source if isinstance(source, Dataset) else Dataset.open(source))
+
+
+def check_answers(
+    problems: tuple[str, str],
+    answers: tuple[str, str],
+    *,
+    tolerance: float = TOLERANCE,
+    why: bool = False,
+) -> Iterator[dict[str, Any]]:
+    """Check the n-th answer of a text against the n-th problem of another: one record each, with its verdict.
+
+    problems, answers: each a text, and where it is from. why: say of every proof what would have to give. Raises
+    InvalidInput for another number of answers than of problems; a record that cannot be read is "invalid".
+    """
+    asked, claims = list(read_problems(*problems)), list(json_records(*answers))
+    if len(asked) != len(claims):
+        raise InvalidInput(
+            f"{answers[1]}: expected {len(asked)} answers, one a problem, got {len(claims)}"
+        )
+    for (where, problem), (place, claim) in zip(asked, claims, strict=True):
+        if isinstance(problem, InvalidInput) or isinstance(claim, InvalidInput):
+            wrong = problem if isinstance(problem, InvalidInput) else claim
+            yield {"where": where, "verdict": "invalid", "message": str(wrong)}
+            continue
+        try:
+            yield {"where": where, **_verdict(problem, claim, tolerance, why)}
+        except InvalidInput as error:
+            yield {"where": where, "verdict": "invalid", "message": f"{place}: {error}"}
+
+
+def _verdict(problem: PostureProblem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
+    """What is said of an answer; of one that lacks its evidence, that."""
+    answer, status = answer_from_json(claim), _status(claim)
+    kind, expected = None if answer is None else type(answer), EVIDENCE[status]
+    if kind is not expected:
+        hint = " (solve with --certificate)" if status == "infeasible" else ""
+        message = (
+            f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
+        )
+        return {"verdict": "refused", "message": message}
+    if isinstance(answer, Posture):
+        report = check_posture(problem, answer, tolerance=tolerance)
+        message, beyond_m = _bare(report.message), report.figures["exact_reach_m"]
+        if beyond_m > TOLD_M:
+            message += f"; {1e3 * beyond_m:.0f} mm out of reach with the exact rotation"
+        return {
+            "verdict": "accepted" if report.accepted else "refused",
+            "kind": "posture",
+            "message": message,
+            "digest": report.digest,
+            "exact_reach_m": or_null(beyond_m),
+            "residual_nm": or_null(report.figures["residual_nm"]),
+        }
+    if answer is None:
+        return {"verdict": "unclaimed", "message": f"the answer is {status}: nothing to check"}
+    proof = check_certificate(problem, answer)
+    reason = f"; {explain(problem, answer).message}" if why and proof.accepted else ""
+    return {
+        "verdict": "accepted" if proof.accepted else "refused",
+        "kind": "certificate",
+        "message": _bare(proof.message) + reason,
+        "lower_bound": min(proof.figures["lower_bound"], UNBOUNDED),
+        "leaves": proof.figures["leaves"],
+    }
+
+
+def _course(name: str, robot: str | None) -> Callable[[int], Course]:
+    """The course of a name or a file, of so many key frames where it can be had with others than its own."""
+    from stancekit.planners.problem.course_file import read_course
+
+    who = None if Path(name).suffix == ".json" else robot
+
+    def laid(frames: int) -> Course:
+        course = read_course(name, None, who)
+        try:
+            return course if course.frames == frames else read_course(name, frames, who)
+        except InvalidInput:
+            return course
+
+    return laid
+
+
+def _status(claim: Any) -> str:
+    """The status that an answer claims; where it has none, the one that its evidence speaks for."""
+    status = claim.get(
+        "status",
+        "infeasible" if "certificate" in claim else "feasible" if "toes_m" in claim else None,
+    )
+    checked_choice(status, "status", tuple(EVIDENCE))
+    return str(status)
+
+
+def _bare(message: str) -> str:
+    """The verifier's message without the verdict that it begins with."""
+    return message.removeprefix("accepted: ").removeprefix("rejected: ")

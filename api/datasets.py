@@ -1,0 +1,175 @@
+"""Data sets: postures, labelled exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from numbers import Integral
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.distributions.postures import distribution_of
+from stancekit.learners.data import labelling
+from stancekit.learners.data.executor import Executor, processes
+from stancekit.learners.data.executors import executor as executor
+from stancekit.learners.data.labelling import Progress
+from stancekit.planners.arguments import check_argument, checked
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.validation import shown
+from stancekit.planners.problem.posture import Sampler
+from stancekit.planners.robot.model import Robot
+
+from .upgrading import old_arguments
+
+if TYPE_CHECKING:
+    from stancekit.learners.proposers.proposer import Proposers
+
+FURTHER: Mapping[str, Any] = {"natural": bool, "shard_size": int, "proposers": str | Path | None}
+"""What ``label`` takes by name beside its parameters."""
+OLD = {
+    "feasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
+    "infeasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
+}
+USUAL_ROWS = (500, 500)
+"""How many feasible and infeasible ones there are where nothing is said."""
+BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "progress", *FURTHER)
+
+
+@checked
+def label(
+    problems: str | Sampler,
+    folder: str | Path,
+    *,
+    robot: Robot | str | Path | None = None,
+    terrain: str | Path | None = None,
+    rows: tuple[int, int] | int = USUAL_ROWS,
+    seed: int = 0,
+    workers: int | Executor = 1,
+    progress: Callable[[int, int], None] | None = None,
+    **further: Any,
+) -> Dataset:
+    """Draw posture problems and label them exactly into a folder, or go on with one that was begun.
+
+    Arguments:
+        problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by its class's.
+        folder: of the data set; what is there already is not made again.
+        robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets of its legs.
+        rows: how many feasible ones, and how many infeasible ones, which need their moment balance to be so; or one
+            number: the first so many samples as they come, whatever their label.
+        seed: of the random stream; use another one for training than for testing.
+        workers: processes, or an executor, for example of a Ray cluster; the rows do not depend on them.
+        progress: called with rows written, and all.
+        further: proposers (file of ``stancekit proposers``, asked for postures and proofs before any solver; needs
+            torch), shard_size (rows per file, which is what an interruption can lose; 500), natural (True keeps the
+            samples as they come with two numbers of rows, too, of which only the sum counts then).
+    Returns:
+        The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
+    Raises:
+        InvalidInput: for a folder that holds another data set, numbers out of range, proposers of another class.
+        LabellingFailed: where the distribution does not yield enough rows of a label.
+    Source:
+        Algorithm E1.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
+        >>> len(train), train.labels[0] in ("feasible", "infeasible")
+        (12, True)
+    """
+    given = {name: value for name, value in further.items() if name in FURTHER}
+    old = {name: value for name, value in further.items() if name not in FURTHER}
+    for key, value in given.items():
+        check_argument(key, value, FURTHER[key])
+    wanted = _rows(
+        rows, given.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
+    )
+    name, source, asked = problems, None, None
+    if not isinstance(problems, str) or isinstance(robot, Robot):
+        source = distribution_of(problems, robot=robot, terrain=terrain)
+        name = source.name
+    if (proposers := given.pop("proposers", None)) is not None:
+        asked = _proposers(proposers)
+    plan = LabelPlan(
+        distribution=str(name),
+        seed=int(seed),
+        robot=None if robot is None or source is not None else str(robot),
+        terrain=None if terrain is None or source is not None else str(terrain),
+        proposers=None if asked is None else asked.digest,
+        **wanted,
+        **given,
+    )
+    run = processes(int(workers)) if isinstance(workers, int | Integral) else workers
+
+    def on_progress(state: Progress) -> None:
+        if progress is not None:
+            progress(state.rows, plan.rows)
+
+    labelling.label(plan, folder, run=run, source=source, progress=on_progress, proposers=asked)
+    return Dataset.open(folder)
+
+
+def export_scenes(
+    family: str,
+    folder: str | Path,
+    count: int = 1,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[str]:
+    """Write scenes of a terrain family for other simulators: heights, surfaces, and whether the hexapod has a plan.
+
+    family: FAMILY:LEVEL as in "stairs:0.6". folder: new or empty. seed: of the first scene; the others follow.
+    progress: called with scenes written, and all. Returns the status of each. Raises InvalidInput.
+    """
+    from stancekit.learners.data import scene_set
+    from stancekit.planners.plugins import split_name
+    from stancekit.planners.problem.family_scene import family_name
+    from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+
+    name, numbers = split_name(family)
+    try:
+        level = float(":".join(numbers)) if family_name(family) else None
+    except ValueError:
+        level = None
+    if level is None:
+        raise InvalidInput(f"export: expected FAMILY:LEVEL as in stairs:0.6, got {family!r}")
+    index = scene_set.export_scenes(
+        Path(folder),
+        name,
+        level,
+        count=count,
+        planner=TwoStageCoursePlanner(),
+        seed=seed,
+        progress=progress,
+    )
+    return [scene["status"] for scene in index["scenes"]]
+
+
+def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> dict[str, Any]:
+    """The rows as a ``LabelPlan`` has them. Raises InvalidInput."""
+    for name, value in old.items():
+        check_argument(name, value, int)
+    if old:
+        if rows != USUAL_ROWS:
+            raise InvalidInput(f"{next(iter(old))}: expected none beside rows, got both")
+        return {"feasible": 500, "infeasible": 500, "natural": natural, **old}
+    if not isinstance(rows, tuple):
+        return {"feasible": int(rows), "infeasible": 0, "natural": True}
+    if len(rows) != 2 or any(
+        isinstance(count, bool) or not isinstance(count, Integral) for count in rows
+    ):
+        raise InvalidInput(
+            f"rows: expected one integer, or two (feasible, infeasible), got {shown(rows)}"
+        )
+    return {"feasible": int(rows[0]), "infeasible": int(rows[1]), "natural": natural}
+
+
+def _proposers(path: str | Path) -> Proposers:
+    """Networks that propose. Raises InvalidInput for a file that is missing or wrong, and where torch is missing."""
+    try:
+        from stancekit.learners.proposers.proposer import Proposers
+    except ModuleNotFoundError as error:
+        raise InvalidInput(
+            f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'"
+        ) from None
+    return Proposers.load(path)
