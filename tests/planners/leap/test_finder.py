@@ -9,7 +9,7 @@ from stancekit.planners.answer.leap_outcome import LeapOutcome
 from stancekit.planners.answer.outcome import Certificate, Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.leap.cuts import MARGIN, guide, plan_cut, proof_cut, ray
+from stancekit.planners.leap.cuts import MARGIN, guide, plan_cut, proof_cut, ray, shapes, split
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.pick import Picker
@@ -178,3 +178,29 @@ def test_a_finder_refuses_settings_that_are_none(settings, message) -> None:
     with pytest.raises(InvalidInput) as said:
         LeapFinder(**settings)
     assert str(said.value) == message
+
+
+@pytest.mark.parametrize("name", ["leap", "leap-given", "leap-anymal"])
+def test_any_multipliers_have_the_bound_that_the_check_works_out_on_its_own(name) -> None:
+    leap, rng = leap_class(name).draw(np.random.default_rng(2)), np.random.default_rng(5)
+    numbers = LeapNumbers.of(leap)
+    size = sum(int(np.prod(shape)) for shape in shapes(numbers).values())
+    for _ in range(3):
+        row = np.abs(rng.normal(size=size)) * (rng.random(size) < 0.3)  # half-spaces and heights weigh nothing below 0
+        leaf = Certificate(tree=np.zeros((1, 5)), multipliers=row[None])
+        bound = check_leap_certificate(leap, leaf).lower_bound
+        assert proof_cut(numbers, row).least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-9)
+
+
+def test_a_leap_that_is_found_makes_no_sum_of_any_multipliers_positive(found: LeapOutcome) -> None:
+    plan, rng = found.plan, np.random.default_rng(6)
+    assert plan is not None
+    numbers = LeapNumbers.of(plan.leap)
+    size = sum(int(np.prod(shape)) for shape in shapes(numbers).values())
+    rows = [np.where(rng.random(size) < 0.2, rng.normal(size=size), 0.0) for _ in range(30)]
+    for row in rows:
+        parts = split(numbers, row)
+        for part in (parts["reach_rows"], parts["height"]):
+            np.abs(part, out=part)
+        flat = np.concatenate([np.ravel(part) for part in parts.values()])
+        assert proof_cut(numbers, flat).value(plan.choice) <= MARGIN
