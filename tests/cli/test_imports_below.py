@@ -70,7 +70,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "plan": {
         CHOICES: ("planners.relaxation.table", "planners.search.methods", "planners.answer.outcome"),
-        LATER: ("planners.answer.report", "planners.equilibrium.programs", "planners.formats.answer_file",
+        LATER: ("planners.answer.report", "planners.equilibrium.programs", "planners.formats.answer_file", "planners.formats.leap_file",
                 "planners.formats.plan_file", "planners.formats.proof_file", "planners.projection.whole_body_limits"),
         DRAWS: ("views.page", "views.plans", "views.sheet", "views.video"),
     },
