@@ -121,6 +121,7 @@ class Gait:
         task = self._task()
         with as_options():
             settings, caps = self._settings(), self._caps()
+        gait_answer.doubt(task, caps.total_s)
         attempts = self._attempts(task)
         checkpoint = Checkpoint(self.out, task, settings, attempts, caps.phases)
         plan = self._plan(task, settings, caps, attempts, checkpoint)
@@ -139,7 +140,7 @@ class Gait:
         else:
             self._say(plan, best, written)
         if not best.verified:
-            gait_answer.advise(task, best)
+            gait_answer.advise(best)
         return 0 if best.verified else 1
 
     # ------------------------------------------------------------------------------------------------- input

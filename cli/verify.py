@@ -86,7 +86,6 @@ class Verify:
         """A plan of key frames or a gait trajectory: one verdict."""
         from stancekit.planners.files.documents import read_json
         from stancekit.planners.formats import plan_file, proof_file
-        from stancekit.planners.formats import trajectory_file as record
 
         name = str(self.problems)
         try:
@@ -98,7 +97,8 @@ class Verify:
         if self.explain and not proof_file.is_proof(data):
             raise InvalidInput(f"--explain: expected a file of answers with it, got {name} alone")
         of_plan = plan_file.is_plan_file(self.problems)
-        if self.robot is not None and not (of_plan or record.is_trajectory(data)):
+        of_walk = not of_plan and not proof_file.is_proof(data) and _is_walk(data)
+        if self.robot is not None and not (of_plan or of_walk):
             raise InvalidInput(f"--robot: expected a plan or a gait with it, got {name}")
         if self.course is not None and not of_plan:
             raise InvalidInput(f"--course: expected a plan with it, got {name}")
@@ -113,7 +113,9 @@ class Verify:
                 raise InvalidInput("--tolerance: expected none with a proof, which has to hold with room for any plan")
             proof = proof_file.check_proof_file(self.problems)
             accepted, message, found = proof.accepted, proof.message, proof.to_json()
-        elif record.is_trajectory(data):
+        elif of_walk:
+            from stancekit.planners.formats import trajectory_file as record  # splines are slow to import
+
             if self.tolerance != TOLERANCE:
                 raise InvalidInput("--tolerance: expected none with a gait, whose groups have limits of their own")
             report = record.check_file(self.problems, robot=self._walker())
@@ -236,3 +238,10 @@ def _a(kind: str | None) -> str:
 def _bare(message: str) -> str:
     """The verifier's message without the verdict that it begins with."""
     return message.removeprefix("accepted: ").removeprefix("rejected: ")
+
+
+def _is_walk(data: Any) -> bool:
+    """Whether what a file holds is a gait."""
+    from stancekit.planners.formats.trajectory_file import is_trajectory  # splines are slow to import
+
+    return is_trajectory(data)

@@ -298,8 +298,8 @@ class Kinematics:
         return np.asarray(pin.rnea(known, self._masses, self.configuration(angles), rates, pushed)[self.columns])
 
     def _placed(self, angles: Array) -> Array:
-        """Centres of the feet, shape (N, 3), after which ``_jacobian`` is of the same posture; a posture that was placed
-        last is not placed again."""
+        """Centres of the feet, shape (N, 3), after which ``_jacobian`` is of the same posture; the posture that was
+        placed last is not placed again."""
         asked = np.asarray(angles, dtype=np.float64).tobytes()
         if asked != self._at:
             self._at = b""
