@@ -45,16 +45,19 @@ def check_file(
     a plan has to be of. why: a reason is asked for, which proofs alone have. Raises InvalidInput for a file that holds
     none of them, and for one of another robot or course.
     """
-    from stancekit.planners.formats import leap_file, plan_file, proof_file, trajectory_file
-    from stancekit.planners.formats.file_check import FileCheck
+    from stancekit.planners.formats import plan_file
 
     name = str(path)
+    if plan_file.is_plan_file(path):
+        if why:
+            raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
+        return _check_plan(path, tolerance, robot, course)
+    if course is not None:
+        raise InvalidInput(f"course: expected a plan with it, got {name}")
+    from stancekit.planners.formats import leap_file, proof_file, trajectory_file  # splines are slow to import
+
     if leap_file.is_leap_file(path):
-        for option, given in (("robot", robot), ("course", course)):
-            if given is not None:
-                raise InvalidInput(f"{option}: expected a plan with it, got {name}, a leap, which has its own")
-        if tolerance != TOLERANCE:
-            raise InvalidInput("tolerance: expected none with a leap, whose verdict has its own")
+        _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a leap, which has its own")
         return leap_file.check_file(path, why=why)
     try:
         data = read_json(path)
@@ -62,31 +65,19 @@ def check_file(
         if Path(path).suffix == ".json" and "broken at" in str(error):
             raise
         data = None  # problems come as JSON lines, too
-    of_plan, of_gait = plan_file.is_plan_file(path), trajectory_file.is_trajectory(data)
-    if why and not proof_file.is_proof(data):
-        raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
-    if robot is not None and not (of_plan or of_gait):
-        raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
-    if course is not None and not of_plan:
-        raise InvalidInput(f"course: expected a plan with it, got {name}")
-    if of_plan:
-        from stancekit.planners.robot.robot_file import named_robot
-
-        return plan_file.check_file(
-            path,
-            tolerance=tolerance,
-            robot=None if robot is None else named_robot(robot),
-            course=None
-            if course is None
-            else _course(course, None if robot is None else str(robot)),
-        )
     if proof_file.is_proof(data):
+        if robot is not None:
+            raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
         if tolerance != TOLERANCE:
             raise InvalidInput(
                 "tolerance: expected none with a proof, which has to hold with room for any plan"
             )
         return proof_file.check_proof_file(path)
-    if not of_gait:
+    if why:
+        raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
+    if not trajectory_file.is_trajectory(data):
+        if robot is not None:
+            raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
         wanted = (
             "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
         )
@@ -95,10 +86,34 @@ def check_file(
         raise InvalidInput(
             "tolerance: expected none with a gait, whose groups have limits of their own"
         )
+    from stancekit.planners.formats.file_check import FileCheck
     from stancekit.planners.robot.walker import named_walker
 
     report = trajectory_file.check_file(path, robot=None if robot is None else named_walker(robot))
     return FileCheck(path=name, kind="gait", report=report, message=report.message)
+
+
+def _check_plan(
+    path: str | Path, tolerance: float, robot: str | Path | None, course: str | None
+) -> FileCheck:
+    """Check a file of a plan of key frames, see ``check_file``."""
+    from stancekit.planners.formats import plan_file
+    from stancekit.planners.robot.robot_file import named_robot
+
+    who = None if robot is None else str(robot)
+    return plan_file.check_file(
+        path,
+        tolerance=tolerance,
+        robot=None if robot is None else named_robot(robot),
+        course=None if course is None else _course(course, who),
+    )
+
+
+def _check_none(*, robot: str | Path | None, tolerance: float, of: str) -> None:
+    """Raise InvalidInput for a robot or a tolerance with a file that has its own."""
+    for option, given in (("robot", robot is not None), ("tolerance", tolerance != TOLERANCE)):
+        if given:
+            raise InvalidInput(f"{option}: expected none with {of}")
 
 
 def check_rows(

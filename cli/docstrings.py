@@ -1,7 +1,8 @@
-"""SciPy's docstrings as they are written, for the commands, which nobody asks for help on SciPy.
+"""SciPy without what commands do not need of it: its docstrings are as they are written, and Fortran stays away.
 
-SciPy 1.17 parses the docstring of every public function while it is imported and writes it anew with a table of array
-libraries in it, which takes longer than the rest of the import. Nothing else changes.
+SciPy 1.17 parses the docstring of every public function while it is imported, and writes it anew with a table of array
+libraries in it, which takes longer than the rest of the import. It also asks NumPy for every name that it has, one of
+which is a compiler of Fortran. What SciPy computes is the same.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
 
-PARSER = "scipy._lib._docscrape"
-"""The module whose ``FunctionDoc`` parses and writes docstrings."""
+PARSER, FORTRAN = "scipy._lib._docscrape", "numpy.f2py"
+"""The module whose ``FunctionDoc`` parses and writes docstrings; and one that is empty in a command."""
 
 
 class Unparsed(defaultdict[str, list[Any]]):
@@ -29,10 +30,12 @@ class Unparsed(defaultdict[str, list[Any]]):
 
 
 class AsWritten(MetaPathFinder, Loader):
-    """Finds SciPy's parser of docstrings, and has it leave them as they are."""
+    """Finds SciPy's parser of docstrings, and has it leave them as they are; and an empty module for Fortran."""
 
     def find_spec(self, fullname: str, path: Any, target: ModuleType | None = None) -> ModuleSpec | None:
-        """The parser's, loaded by this; none for any other module."""
+        """The two modules', loaded by this; none for any other."""
+        if fullname == FORTRAN:
+            return ModuleSpec(fullname, self)
         if fullname != PARSER or (found := PathFinder.find_spec(fullname, path)) is None or found.loader is None:
             return None
         self._loader = found.loader
@@ -44,6 +47,8 @@ class AsWritten(MetaPathFinder, Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Load the parser, then put the other class in its place."""
+        if module.__name__ == FORTRAN:
+            return
         self._loader.exec_module(module)
         if hasattr(module, "FunctionDoc"):
             vars(module)["FunctionDoc"] = Unparsed

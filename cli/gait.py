@@ -116,6 +116,7 @@ class Gait:
 
         self._check()
         task, settings, caps, attempts = self._asked()
+        gait_answer.doubt(task, caps.total_s)
         checkpoint = Checkpoint(self.out, task, settings, attempts, caps.phases)
         plan = self._plan(task, settings, replace(caps, in_subprocess=True), attempts, checkpoint)
         best = plan.best
@@ -133,7 +134,7 @@ class Gait:
         else:
             self._say(plan, best, written)
         if not best.verified:
-            gait_answer.advise(task, best)
+            gait_answer.advise(best)
         return 0 if best.verified else 1
 
     # ------------------------------------------------------------------------------------------------- input

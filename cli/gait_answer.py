@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 PHASES = ("feasible", "smooth", "densify")
 FPS = 25.0
+WAY_M = 0.05
+"""The ground is looked at so often on the way."""
 
 
 def check_pictures(*paths: Path | None) -> None:
@@ -164,12 +166,27 @@ def verdict(one: Attempted) -> str:
     return f"no success: largest violation {one.solution.violation:.1e} ({one.solution.status})"
 
 
-def advise(task: GaitTask, one: Attempted) -> None:
-    """Say what may help a walk that was not found: its terrain is steeper than friction holds, or all that is wrong is
-    what the robot's own legs are asked for."""
+def doubt(task: GaitTask, total_s: float) -> None:
+    """Say, before any work, that the ground on the way is steeper than friction holds, and how long the search for a
+    walk takes at most."""
     import numpy as np
 
-    from stancekit.planners.gait.method.homotopy import steepest
+    steps = max(2, int(np.linalg.norm(task.goal_xy_m - task.start_xy_m) / WAY_M) + 2)
+    way = task.start_xy_m + np.linspace(0.0, 1.0, steps)[:, None] * (task.goal_xy_m - task.start_xy_m)
+    low, high = np.transpose(task.terrain.domain_m)
+    feet = [np.clip(task.stance_m(xy)[:, :2], low, high) for xy in way]
+    slope = float(np.linalg.norm(task.terrain.gradient(np.concatenate(feet)), axis=1).max())
+    if slope > task.friction and not any(task.adhesive):
+        names = ",".join(task.robot.foot_names[:2])
+        err.print(
+            f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest on the way, and friction "
+            f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°: there may be no walk. The "
+            f"search ends after {total_s:g} s of CPU time; feet that stick may help: --adhesive {names}",
+        )
+
+
+def advise(one: Attempted) -> None:
+    """Say what may help where all that is wrong with a walk is what the robot's own legs are asked for."""
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
     wrong = {group.name for group in one.report.refused}
@@ -177,13 +194,4 @@ def advise(task: GaitTask, one: Attempted) -> None:
         err.print(
             "only the robot's own legs cannot do it: more time (--duration-s), a walk in place of a trot (--gait walk) "
             "or a smoother map (--smooth-m) may help"
-        )
-        return
-    slope = steepest(task.terrain)
-    if slope > task.friction and not any(task.adhesive):
-        names = ",".join(task.robot.foot_names[:2])
-        err.print(
-            f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest, and friction "
-            f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°; feet that stick may help: "
-            f"--adhesive {names}",
         )

@@ -176,9 +176,9 @@ def _rolled(kinematics: Kinematics, moments: Moments, rotations: Array, angles: 
     skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
     turns = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
     moved = kinematics.radii_m[:, None] * cross(turns, normals[1:])
-    stands, rolled = moments.foothold >= 0, np.zeros_like(normals)
+    stands, rolled, left = moments.foothold >= 0, np.zeros_like(normals), 1.0 - moments.lifted[..., None]
     last = rolled[0]
     for t in range(1, len(rolled)):
         last = np.where(stands[t, :, None], np.where(stands[t - 1, :, None], last + moved[t - 1], 0.0), last)
-        rolled[t] = last * (1.0 - moments.lifted[t, :, None])
+        rolled[t] = last * left[t]
     return rolled

@@ -377,9 +377,10 @@ def test_terrains_robots_and_walks_that_cannot_be_are_one_line(gait, files, argu
     assert sorted(os.listdir()) == before
 
 
-def test_a_wall_too_steep_for_friction_comes_with_advice(gait):
+def test_a_wall_on_the_way_that_is_too_steep_for_friction_is_said_before_any_work(gait):
     code, _, err = gait("pit", "--goal", "2.2,0", "--chart", "ambient", "--raw", "--max-iterations", "1")
     assert code == 1
     assert err == (
-        "pit is 79° at its steepest, and friction 0.75 holds on 37°; feet that stick may help: --adhesive LF,RF\n"
+        "pit is 79° at its steepest on the way, and friction 0.75 holds on 37°: there may be no walk. The search "
+        "ends after 240 s of CPU time; feet that stick may help: --adhesive LF,RF\n"
     )
