@@ -1,8 +1,7 @@
-"""SciPy without what commands do not need of it: its docstrings are as they are written, and Fortran stays away.
+"""SciPy without what commands do not need of it: its docstrings stay as they are written.
 
 SciPy 1.17 parses the docstring of every public function while it is imported, and writes it anew with a table of array
-libraries in it, which takes longer than the rest of the import. It also asks NumPy for every name that it has, one of
-which is a compiler of Fortran. What SciPy computes is the same.
+libraries in it, which takes longer than the rest of the import. What SciPy computes is the same.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
 
-PARSER, FORTRAN = "scipy._lib._docscrape", "numpy.f2py"
-"""The module whose ``FunctionDoc`` parses and writes docstrings; and one that is empty in a command."""
+PARSER = "scipy._lib._docscrape"
+"""The module whose ``FunctionDoc`` parses and writes docstrings."""
 
 
 class Unparsed(defaultdict[str, list[Any]]):
@@ -30,12 +29,10 @@ class Unparsed(defaultdict[str, list[Any]]):
 
 
 class AsWritten(MetaPathFinder, Loader):
-    """Finds SciPy's parser of docstrings, and has it leave them as they are; and an empty module for Fortran."""
+    """Finds SciPy's parser of docstrings, and has it leave them as they are."""
 
     def find_spec(self, fullname: str, path: Any, target: ModuleType | None = None) -> ModuleSpec | None:
-        """The two modules', loaded by this; none for any other."""
-        if fullname == FORTRAN:
-            return ModuleSpec(fullname, self)
+        """The parser's, loaded by this; none for any other module."""
         if fullname != PARSER or (found := PathFinder.find_spec(fullname, path)) is None or found.loader is None:
             return None
         self._loader = found.loader
@@ -47,8 +44,6 @@ class AsWritten(MetaPathFinder, Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Load the parser, then put the other class in its place."""
-        if module.__name__ == FORTRAN:
-            return
         self._loader.exec_module(module)
         if hasattr(module, "FunctionDoc"):
             vars(module)["FunctionDoc"] = Unparsed

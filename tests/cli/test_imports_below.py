@@ -54,7 +54,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "export": {TOOL: ("learners.data.export",)},
     "gait": {CHOICES: ("planners.gait.charts",), LATER: ("planners.formats.trajectory_file",)},
     "gait_answer": {
-        TOOL: ("planners.gait.method.homotopy", "planners.verify.trajectory_limits"),
+        TOOL: ("planners.verify.trajectory_limits"),
         DRAWS: ("planners.gait.charts.pushforward", "views.gait_plot", "views.gaits", "views.page", "views.sheet",
                 "views.video"),
     },
@@ -70,8 +70,9 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "plan": {
         CHOICES: ("planners.relaxation.table", "planners.search.methods", "planners.answer.outcome"),
-        LATER: ("planners.answer.report", "planners.equilibrium.programs", "planners.formats.answer_file", "planners.formats.leap_file",
-                "planners.formats.plan_file", "planners.formats.proof_file", "planners.projection.whole_body_limits"),
+        LATER: ("planners.answer.report", "planners.equilibrium.programs", "planners.formats.answer_file",
+                "planners.formats.leap_file", "planners.formats.plan_file", "planners.formats.proof_file",
+                "planners.projection.whole_body_limits"),
         DRAWS: ("views.page", "views.plans", "views.sheet", "views.video"),
     },
     "plan_table": {LATER: ("planners.verify",)},
