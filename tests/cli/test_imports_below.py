@@ -54,7 +54,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "export": {TOOL: ("learners.data.export",)},
     "gait": {CHOICES: ("planners.gait.charts",), LATER: ("planners.formats.trajectory_file",)},
     "gait_answer": {
-        TOOL: ("planners.verify.trajectory_limits"),
+        TOOL: ("planners.verify.trajectory_limits",),
         DRAWS: ("planners.gait.charts.pushforward", "views.gait_plot", "views.gaits", "views.page", "views.sheet",
                 "views.video"),
     },
