@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,17 +13,19 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.shapes import Kind, Shape
 from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Obstacles
 from stancekit.planners.terrain.prism import THICKNESS_M, Solid
+from tests.planners.robot.made_robots import made_robots
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies
+from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies, link_shapes
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.overlaps import Overlap, WholeBody
 
@@ -268,3 +271,33 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
         between += sum(not any(name.startswith("patch") for name in names) for names in deep[0])
     assert pairs > 100
     assert between > 20
+
+
+def test_shapes_are_where_pinocchio_places_their_links(tmp_path: Path) -> None:
+    """Bodies are placed by chains of our own, as joints are found; pinocchio's links are the independent word."""
+    import pinocchio as pin
+
+    sound = [each for each in made_robots() if each.sound][::3]
+    solvers = [Kinematics(hexapod()), *(Kinematics(named(each.write(tmp_path / each.name))) for each in sound)]
+    rng, looked = np.random.default_rng(5), 0
+    for solver in solvers:
+        made = Bodies(solver)
+        known, data = solver.known, solver.known.createData()
+        lower, upper = np.maximum(solver.lower_rad, -3.0), np.minimum(solver.upper_rad, 3.0)
+        angles = lower + (upper - lower) * rng.uniform(size=(4, len(lower)))
+        turns, origins = made._placed(angles)
+        for row, own in enumerate(angles):
+            pin.framesForwardKinematics(known, data, solver.configuration(own))
+            for k, (each, _) in enumerate(link_shapes(made.model)[0]):
+                frame = data.oMf[known.getFrameId(each.link, pin.FrameType.BODY)]
+                there = data.oMi[1].actInv(frame)
+                np.testing.assert_allclose(turns[row, k], there.rotation @ each.rotation, atol=1e-9)
+                np.testing.assert_allclose(origins[row, k], there.act(each.origin_m), atol=1e-9)
+                looked += 1
+    assert looked > 300
+
+
+def named(path: Path) -> Robot:
+    model = named_robot(str(path))
+    assert model is not None
+    return robot(model)
