@@ -188,7 +188,7 @@ def test_any_multipliers_have_the_bound_that_the_check_works_out_on_its_own(name
     for _ in range(3):
         row = np.abs(rng.normal(size=size)) * (rng.random(size) < 0.3)  # half-spaces and heights weigh nothing below 0
         leaf = Certificate(tree=np.zeros((1, 5)), multipliers=row[None])
-        bound = check_leap_certificate(leap, leaf).lower_bound
+        bound = check_leap_certificate(leap, leaf).figures["lower_bound"]
         assert proof_cut(numbers, row).least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-9)
 
 

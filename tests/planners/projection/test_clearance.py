@@ -134,7 +134,7 @@ def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Plan) -> N
 def looks(plan: Plan) -> list[Mapping[str, Any]]:
     """What the verifier says of bodies, at key frames and on the way."""
     report = check_plan(plan, joints=True)
-    return [report.bodies, report.motion]
+    return [report.group(name).figures for name in ("bodies", "motion")]
 
 
 def test_links_that_come_too_near_to_each_other_are_bent_apart(monkeypatch: pytest.MonkeyPatch) -> None:
