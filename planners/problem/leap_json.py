@@ -31,7 +31,7 @@ class _Keys(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
-class _LegKeys(_Keys):
+class _LeapLegKeys(_Keys):
     hip_m: Vector
     speed_m_s: Number | None = None
     power_w: Number | None = None
@@ -43,10 +43,10 @@ class _LimbKeys(_Keys):
     shoulder_m: Vector
     reach_m: Number
     reach_rows: ReachRowsJson | None = None
-    leg: _LegKeys | None = None
+    leg: _LeapLegKeys | None = None
 
 
-class _RobotKeys(_Keys):
+class _LeapRobotKeys(_Keys):
     name: str
     mass_kg: Number
     limbs: list[_LimbKeys]
@@ -82,7 +82,7 @@ class _PatchKeys(_Keys):
     friction: Number
 
 
-class _FootholdKeys(_Keys):
+class _LeapFootholdKeys(_Keys):
     limb: str
     phase: int
     candidates: list[_PatchKeys]
@@ -94,11 +94,11 @@ class LeapKeys(_Keys):
 
     format: Literal["stancekit/leap/1"] = FORMAT
     name: str = "leap"
-    robot: str | _RobotKeys
+    robot: str | _LeapRobotKeys
     phases: list[_PhaseKeys]
     timings_s: list[list[Number]]
     duration_s: Number | None = None
-    footholds: list[_FootholdKeys]
+    footholds: list[_LeapFootholdKeys]
     start: _StateKeys
     goal: _StateKeys
     goal_radius_m: Number = 0.06
@@ -156,7 +156,7 @@ def leap_to_json(leap: Leap) -> dict[str, Any]:
     }
 
 
-def _robot(keys: str | _RobotKeys) -> Robot:
+def _robot(keys: str | _LeapRobotKeys) -> Robot:
     if isinstance(keys, str):
         return nameless() if keys == "nameless" else leaping_robot(Path(keys) if Path(keys).suffix else keys)
     limbs = []
@@ -205,7 +205,7 @@ def _state_to_json(state: BodyState) -> dict[str, Any]:
     return {name: value.tolist() for name, value in vars(state).items()}
 
 
-def _foothold(keys: _FootholdKeys, where: str) -> Foothold:
+def _foothold(keys: _LeapFootholdKeys, where: str) -> Foothold:
     try:
         patches = tuple(Patch(**patch.model_dump()) for patch in keys.candidates)
         toe = None if keys.toe_m is None else np.array(keys.toe_m)

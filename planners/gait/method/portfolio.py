@@ -110,7 +110,7 @@ class GaitPlan:
 
     @property
     def best(self) -> Attempted | None:
-        """The best attempt, accepted or not: verified before feasible before the rest; None where none began."""
+        """The best attempt, accepted or not; verified before feasible before the rest; None where none began."""
         return min(self.attempts, key=_merit, default=None)
 
     @property
