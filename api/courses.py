@@ -16,7 +16,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
-from stancekit.planners.formats.leap_file import is_leap_file
+from stancekit.planners.formats.leap_file import is_leap_file, read_leap
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
@@ -79,7 +79,7 @@ def plan(
     Arguments:
         course: a ``Course``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
             YAML or JSON file; one posture problem is a course of one frame. With a start and a goal also a terrain: a
-            mesh, a grid or a cloud in a file, or what ``terrain`` returned. A ``Leap`` (of a file: ``load``) is planned
+            mesh, a grid or a cloud in a file, or what ``terrain`` returned. A ``Leap``, or a file of one, is planned
             by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and ``time_limit_s``.
         method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds the best plan of a
             short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline that fails on ice). Or text:
@@ -111,8 +111,12 @@ def plan(
         ('feasible', (4, 3))
     """
     deadline = time.perf_counter() + checked_number(time_limit_s, "time_limit_s", least=0.0)
+    if isinstance(course, str | Path) and is_leap_file(course):
+        course = read_leap(course).leap
     if isinstance(course, Leap):
         beside_leap = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m, "frames": frames, "robot": robot, **old}
+        if body != WholeBodyLimits():
+            raise InvalidInput("body: expected none with a leap, whose joints and bodies are not judged yet")
         return _leap(course, method, beside_leap, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}")

@@ -39,7 +39,6 @@ def plan_leap(asked: PlanCourse) -> int:
                   f"{1e3 * outcome.seconds:.0f} ms", highlight=False)  # fmt: skip
         if outcome.plan is not None and outcome.report is not None:
             out.print(f"verifier: {outcome.report.message}", highlight=False)
-            out.print("contacts alone were judged, not joints and bodies", highlight=False)
     for path, there in ((asked.out, outcome.plan), (asked.proof, outcome.certificate)):
         if path is not None:
             complain(f"wrote {path}" if there is not None else f"{path}: not written, since there is none")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import stancekit
 from stancekit.planners.answer.leap_outcome import LeapOutcome
 from stancekit.planners.answer.outcome import Certificate, Status
 from stancekit.planners.equilibrium.programs import Programs
@@ -204,3 +205,14 @@ def test_a_leap_that_is_found_makes_no_sum_of_any_multipliers_positive(found: Le
             np.abs(part, out=part)
         flat = np.concatenate([np.ravel(part) for part in parts.values()])
         assert proof_cut(numbers, flat).value(plan.choice) <= MARGIN
+
+
+def test_a_verdict_says_that_nobody_looked_at_the_whole_body_and_limits_of_it_are_refused(tmp_path):
+    path = tmp_path / "leap.yaml"
+    path.write_text("distribution: leap-given\nseed: 0\n")
+    outcome = stancekit.plan(path)
+    assert outcome.report.accepted
+    assert outcome.report.unchecked == ("joints", "torque", "bodies")
+    assert outcome.report.message.startswith("accepted as far as checked: joints, torque and bodies are not")
+    with pytest.raises(InvalidInput, match="body: expected none with a leap"):
+        stancekit.plan(outcome.problem, body=stancekit.WholeBodyLimits(torque_nm=3.0))
