@@ -36,21 +36,19 @@ if TYPE_CHECKING:
     from .motions import simulate as simulate
     from .pictures import draw as draw
     from .pictures import film as film
-    from .planners.answer.leap_outcome import LeapOutcome as LeapOutcome
+    from .planners.answer.answer import Answer as Answer
+    from .planners.answer.answer import Effort as Effort
+    from .planners.answer.answer import Status as Status
+    from .planners.answer.certificate import Certificate as Certificate
     from .planners.answer.leap_plan import LeapPlan as LeapPlan
-    from .planners.answer.outcome import Certificate as Certificate
-    from .planners.answer.outcome import Outcome as Outcome
-    from .planners.answer.outcome import Posture as Posture
-    from .planners.answer.outcome import Status as Status
     from .planners.answer.plan import Plan as Plan
-    from .planners.answer.plan_outcome import PlanOutcome as PlanOutcome
+    from .planners.answer.posture import Posture as Posture
     from .planners.answer.report import Group as Group
     from .planners.answer.report import Report as Report
     from .planners.answer.trajectory import Trajectory as Trajectory
     from .planners.errors import InvalidInput as InvalidInput
     from .planners.errors import StancekitError as StancekitError
     from .planners.formats.file_check import FileCheck as FileCheck
-    from .planners.gait.method.portfolio import GaitPlan as GaitPlan
     from .planners.leap.finder import LeapFinder as LeapFinder
     from .planners.problem.course import Course as Course
     from .planners.problem.leap import Leap as Leap
@@ -102,16 +100,15 @@ _HOMES = {
     "maps": ("warp",),
     "motions": ("run", "simulate"),
     "pictures": ("draw", "film"),
-    "planners.answer.leap_outcome": ("LeapOutcome",),
+    "planners.answer.answer": ("Answer", "Effort", "Status"),
+    "planners.answer.certificate": ("Certificate",),
     "planners.answer.leap_plan": ("LeapPlan",),
-    "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
     "planners.answer.plan": ("Plan",),
-    "planners.answer.plan_outcome": ("PlanOutcome",),
+    "planners.answer.posture": ("Posture",),
     "planners.answer.report": ("Group", "Report"),
     "planners.answer.trajectory": ("Trajectory",),
     "planners.errors": ("InvalidInput", "StancekitError"),
     "planners.formats.file_check": ("FileCheck",),
-    "planners.gait.method.portfolio": ("GaitPlan",),
     "planners.leap.finder": ("LeapFinder",),
     "planners.problem.course": ("Course",),
     "planners.problem.leap": ("Leap",),
@@ -137,7 +134,14 @@ _HOMES = {
     "walks": ("walk",),
 }
 """Where each name lives: what the imports above say to type checkers, said to the interpreter (compared by a test)."""
-_OLD = {"CertificateReport": "Report", "GaitReport": "Report"}
+_OLD = {
+    "CertificateReport": "Report",
+    "GaitPlan": "Answer",
+    "GaitReport": "Report",
+    "LeapOutcome": "Answer",
+    "Outcome": "Answer",
+    "PlanOutcome": "Answer",
+}
 """Names of before, for one release."""
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import RecheckReport
-from stancekit.planners.answer.leap_outcome import LeapOutcome
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.outcome import Certificate, Outcome, Posture, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
@@ -28,7 +28,7 @@ from stancekit.planners.verify import (
     check_posture,
 )
 from stancekit.planners.verify import explain as explain_proof
-from stancekit.planners.verify.leap_proof import check_leap_certificate, explain_leap
+from stancekit.planners.verify.leap_proof import check_leap_certificate
 from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.trajectories import check_trajectory
 
@@ -37,7 +37,7 @@ from .checks import TOLERANCE, check_file, check_rows
 
 @checked
 def explain(
-    subject: Outcome | PlanOutcome | LeapOutcome | PostureProblem | Course | Leap,
+    subject: Answer[Any] | PostureProblem | Course | Leap,
     certificate: Certificate | None = None,
     *,
     tolerance: float | None = None,
@@ -68,7 +68,7 @@ def explain(
         >>> stancekit.explain(outcome).relaxations[0].parameter
         'friction'
     """
-    if isinstance(subject, Outcome | PlanOutcome | LeapOutcome):
+    if isinstance(subject, Answer):
         if certificate is not None:
             raise InvalidInput("certificate: expected none with an answer, which has its own, got a Certificate")
         if subject.problem is None or subject.certificate is None or subject.status is not Status.INFEASIBLE:
@@ -76,13 +76,9 @@ def explain(
         certificate, subject = subject.certificate, subject.problem
     if certificate is None:
         raise InvalidInput(f"certificate: expected one with a {type(subject).__name__}, got none")
-    if isinstance(subject, Leap):
-        if tolerance is not None:
-            raise InvalidInput("tolerance: expected none with a leap, whose proofs leave no residual open")
-        return explain_leap(subject, certificate)
+    if isinstance(subject, Leap) and tolerance is not None:
+        raise InvalidInput("tolerance: expected none with a leap, whose proofs leave no residual open")
     return explain_proof(subject, certificate, tolerance=tolerance)
-
-
 
 
 @overload

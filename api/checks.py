@@ -7,7 +7,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stancekit.planners.answer.outcome import UNBOUNDED, Certificate, Posture
+from stancekit.planners.answer.answer import UNBOUNDED
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.answer.report import or_null
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
-from stancekit.planners.answer.leap_outcome import LeapOutcome
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
@@ -58,9 +59,9 @@ def plan(
     body: WholeBodyLimits = WholeBodyLimits(),
     time_limit_s: float = 60.0,
     **old: Any,
-) -> PlanOutcome: ...
+) -> Answer[Plan]: ...
 @overload
-def plan(course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float = 60.0) -> LeapOutcome: ...
+def plan(course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float = 60.0) -> Answer[LeapPlan]: ...
 @checked
 def plan(
     course: Course | PostureProblem | Footholds | Leap | str | Path,
@@ -73,7 +74,7 @@ def plan(
     body: WholeBodyLimits = WholeBodyLimits(),
     time_limit_s: float = 60.0,
     **old: Any,
-) -> PlanOutcome | LeapOutcome:
+) -> Answer[Plan] | Answer[LeapPlan]:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries; or a leap.
 
     Arguments:
@@ -94,11 +95,11 @@ def plan(
             there is so far is in the outcome [s]. A planner that was made before keeps to its own limit, too.
         old: settings of methods and limits as arguments, which is the old form.
     Returns:
-        A ``PlanOutcome``: feasible with a ``plan`` that the verifier accepted in every stance and between them, as far
+        An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every stance and between them, as far
         as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a robot's own
         legs, for the course in ``problem``; or undecided, also with a plan whose joints cannot do it, whose bodies
         collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan. Of a
-        leap a ``LeapOutcome``.
+        leap, one with a ``LeapPlan``.
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are missing or have no
             use.
@@ -145,7 +146,7 @@ def plan(
     return plan_course(question, planner, shares=shares, limits=limits, deadline=deadline)
 
 
-def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: float) -> LeapOutcome:
+def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: float) -> Answer[LeapPlan]:
     """Plan a leap. others: arguments that it does not take. Raises InvalidInput."""
     for name, value in others.items():
         if value is not None:

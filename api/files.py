@@ -10,8 +10,8 @@ from typing import Any, TypeVar, overload
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from stancekit.planners.answer.outcome import Certificate, Posture
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from stancekit.planners.answer.outcome import Outcome
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
@@ -32,7 +33,7 @@ def solve(
     time_limit_s: float | None = None,
     engine: Literal["rows", "cvxpy"] = "rows",
     **old: Any,
-) -> Outcome:
+) -> Answer[Posture]:
     """Can the robot hold this posture, and how?
 
     Arguments:
@@ -47,7 +48,7 @@ def solve(
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
         old: settings of methods as arguments, which is the old form.
     Returns:
-        An ``Outcome``: feasible with a posture, or infeasible with a certificate, each accepted by the verifier; else
+        An ``Answer``: feasible with a posture, its ``solution``, or infeasible with a certificate, each accepted by the verifier; else
         undecided. The status speaks of the problem itself, whatever relaxation was solved.
     Raises:
         InvalidInput: for an unknown method, a setting or a limit that it has no use for, envelopes that are missing or

@@ -8,13 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int, read_only
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt, Progress
 from stancekit.planners.gait.method.checkpoint import Checkpoint as Checkpoint
-from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, default_attempts, plan_gait
+from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.interrupts import interruptible
@@ -66,7 +68,7 @@ def walk(
     chart: str = "portfolio",
     time_limit_s: float = 240.0,
     **task: Any,
-) -> GaitPlan:
+) -> Answer[Trajectory]:
     """Find a walk over a terrain: the motion of the torso, footholds and contact forces.
 
     Arguments:
@@ -90,8 +92,8 @@ def walk(
             the first feasible point as it is), seeds (how many initial guesses of each chart to try, the smoothest
             accepted walk is kept) and seed (of the perturbed ones).
     Returns:
-        A ``GaitPlan``: ``trajectory`` is the walk that the verifier accepted, None where there is none, and ``message``
-        says in one line what came of it.
+        An ``Answer``: feasible with the walk that the verifier accepted, its ``solution``; else undecided, with the best
+        walk that there is so far, if any. ``message`` says in one line what came of it.
     Raises:
         InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet that the
             robot lacks, a walk longer than its time.
@@ -100,9 +102,9 @@ def walk(
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-        >>> found = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled")
-        >>> found.verified, found.trajectory.feet_m.shape[1:]
-        (True, (4, 3))
+        >>> answer = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled")
+        >>> answer.status.value, answer.solution.feet_m.shape[1:]
+        ('feasible', (4, 3))
     """
     beside = ("terrain", "goal_xy_m", "start_xy_m", "robot", "gait", "duration_s", "chart", "time_limit_s", *FURTHER)
     old = {name: value for name, value in task.items() if name not in FURTHER}
@@ -124,7 +126,7 @@ def walk(
             time_limit_s=limit_s,
             **given,
         )
-    )
+    ).answer
 
 
 def asked_of(
@@ -189,7 +191,7 @@ def walked(
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
     signals: tuple[signal.Signals, ...] = (signal.SIGINT,),
-) -> GaitPlan:
+) -> Attempts:
     """The walk that was asked for. Raises KeyboardInterrupt at the next iteration after one of the signals."""
     with interruptible(*signals) as interrupted:
 

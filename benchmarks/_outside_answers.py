@@ -168,9 +168,9 @@ def eased(pairs: Pairs, size: float, rng: np.random.Generator) -> Lines:
     for _ in range(12):
         middle = 0.5 * (low + high)
         with_it = stancekit.solve(_problem(_rough(pairs.problem, middle)))
-        low, high = (low, middle) if with_it.posture is not None else (middle, high)
+        low, high = (low, middle) if with_it.solution is not None else (middle, high)
     refuted = stancekit.solve(_problem(_rough(pairs.problem, low))).certificate
-    held = stancekit.solve(_problem(_rough(pairs.problem, high + 0.02 * size))).posture
+    held = stancekit.solve(_problem(_rough(pairs.problem, high + 0.02 * size))).solution
     if refuted is None or held is None:
         raise NoForgery("no boundary between posture and proof")
     problem = json.dumps(_rough(pairs.problem, high + 0.02 * size))

@@ -65,8 +65,8 @@ def main(arguments: Arguments) -> None:
 def planned(name: str) -> Plan:
     """The plan of a built-in course."""
     outcome = TwoStageCoursePlanner().solve(read_course(name))
-    assert outcome.plan is not None, outcome.message
-    return outcome.plan
+    assert outcome.solution is not None, outcome.message
+    return outcome.solution
 
 
 def forward(plan: Plan, rate_hz: float, pace: float, seconds: float) -> dict[str, Any]:

@@ -73,9 +73,9 @@ def main(arguments: Arguments) -> None:
     """Measure and print."""
     course = read_course(arguments.course, frames=arguments.frames)
     outcome = TwoStageCoursePlanner().solve(replace(course, robot=replace(course.robot, mass_kg=arguments.mass_kg)))
-    if outcome.plan is None:
+    if outcome.solution is None:
         raise SystemExit(f"{arguments.course}: {outcome.message or outcome.status.value}")
-    accepted = Accepted.verified(outcome.plan, arguments.course)
+    accepted = Accepted.verified(outcome.solution, arguments.course)
     realtime(arguments.realtime)
     arguments.say({"course": arguments.course} | measured(accepted, arguments.rate), line)
 

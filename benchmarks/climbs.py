@@ -153,11 +153,11 @@ def planned(path: Path, file: str, terrain: str, rng: np.random.Generator) -> st
     course = build_course(spec_from(course_of(named_robot(file), file, STEPS[terrain], rng)))
     outcome = plan_course(course, make_course_planner("two-stage"))
     report = outcome.report
-    if outcome.plan is None or report is None:
+    if outcome.solution is None or report is None:
         return outcome.message or outcome.status.value
     if report.failures:
         return report.failures
-    write_plan(path, outcome.plan, report)
+    write_plan(path, outcome.solution, report)
     return ""
 
 

@@ -114,13 +114,13 @@ def first_plan(course: Course, arguments: Arguments) -> Accepted | str:
     """What is begun with, the same for all that is wrong; why there is none."""
     shares = SHARES if arguments.reserve else (1.0,)
     outcome = plan_with_reserve(TwoStageCoursePlanner(), course, shares, presses=())
-    if outcome.plan is None:
+    if outcome.solution is None:
         return f"not begun: {outcome.message or outcome.status.value}"
     why = ""
     for bent in (False, True):  # where bodies collide, as the loop does it
-        found = with_whole_body(outcome).plan if bent else outcome.plan
+        found = with_whole_body(outcome).solution if bent else outcome.solution
         try:
-            accepted = Accepted.verified(found or outcome.plan, course.name)
+            accepted = Accepted.verified(found or outcome.solution, course.name)
             with make_world(arguments.world, course.robot, gravity_m_s2=course.gravity_m_s2) as world:
                 Runner(world).prepare(accepted)
             return accepted
@@ -175,7 +175,7 @@ def settings_of(mode: str, replan_m: float, shares: tuple[float, ...]) -> LoopSe
 
 def solved(course: Course) -> bool:
     """Whether the planner finds a plan."""
-    return TwoStageCoursePlanner().solve(course).plan is not None
+    return TwoStageCoursePlanner().solve(course).solution is not None
 
 
 def losing(course: Course, share: float, at_s: float) -> World:

@@ -32,7 +32,8 @@ from _yardstick import yardstick
 
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
-from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_spec
@@ -106,9 +107,9 @@ def windows(options: Arguments) -> Iterator[dict[str, Any]]:
         horizon = min(horizon, course.frames - WINDOWS // 2 - 2)
         outcome, times, trees = replan(None, course, horizon=horizon), list[float](), 0
         for frame in range(1, WINDOWS + 1):
-            if outcome.plan is None:
+            if outcome.solution is None:
                 break
-            state = _reached(outcome.plan)
+            state = _reached(outcome.solution)
             begin = time.process_time()
             outcome = replan(state, course, frame=frame, horizon=horizon)
             times.append(time.process_time() - begin)
@@ -116,7 +117,7 @@ def windows(options: Arguments) -> Iterator[dict[str, Any]]:
         yield {
             "course": name, "horizon": horizon + 1, "windows": len(times), "with_tree": trees,
             "median_ms": 1e3 * float(np.median(times)), "max_ms": 1e3 * max(times),
-            "lost": outcome.plan is None,
+            "lost": outcome.solution is None,
         }  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from _bench import Options, launch
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.selectors.modes import solved_postures
 from stancekit.learners.selectors.quantile import quantile_box
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.projection.project import project

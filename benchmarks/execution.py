@@ -73,7 +73,7 @@ def planned(name: str, count: int, seed: int, *, reserve: bool) -> tuple[list[Pl
     rng = np.random.default_rng(seed)
     shares = SHARES if reserve else (1.0,)
     outcomes = [plan_with_reserve(planner, perturbed(name, child), shares) for child in rng.spawn(count)]
-    plans = [outcome.plan for outcome in outcomes if outcome.plan is not None]
+    plans = [outcome.solution for outcome in outcomes if outcome.solution is not None]
     return plans, count - len(plans)
 
 

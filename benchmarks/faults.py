@@ -60,7 +60,7 @@ def main(arguments: Arguments) -> None:
     done = finished(arguments.log)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.json"
-        plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).plan
+        plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
         assert plan is not None
         write_plan(path, plan, check_plan(plan))
         for kind in arguments.kinds:

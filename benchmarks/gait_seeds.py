@@ -22,7 +22,7 @@ import numpy as np
 from _bench import Options, launch
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
@@ -167,9 +167,9 @@ def course(path_m: Array, terrain: dict[str, Any]) -> dict[str, Any]:
 def planned(data: dict[str, Any]) -> Plan:
     """The two-stage planner's answer. Raises PlanningFailed where there is none."""
     outcome = TwoStageCoursePlanner().solve(build_course(spec_from(data)))
-    if outcome.plan is None:
+    if outcome.solution is None:
         raise PlanningFailed(outcome.message)
-    return outcome.plan
+    return outcome.solution
 
 
 def world_frames(field: HeightField, ends_m: Array, yaw: float) -> KeyFrames:

@@ -34,7 +34,8 @@ from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.motions import policy_of
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course import Course
@@ -95,7 +96,7 @@ class Way:
         self.inside = self.plans = 0
         self.seconds.clear()
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Plan, and count whose plan it is."""
         if self.policy is None:
             outcome = self._lift.solve(course)
@@ -104,7 +105,7 @@ class Way:
             window = Observation(window=course, standing=None, state=None, friction_share=1.0, frame=0)
             outcome = self.policy(window).solve(course)
             self.inside += self.policy.answers[0]
-        self.plans += outcome.plan is not None
+        self.plans += outcome.solution is not None
         return outcome
 
     @property
@@ -123,7 +124,7 @@ def on_ice(arguments: Arguments, ways: dict[str, Way]) -> None:
                 way.forget()
         for way in ways.values():
             begin = time.process_time()
-            if way.solve(course).plan is not None:
+            if way.solve(course).solution is not None:
                 way.seconds[index] = time.process_time() - begin
     for name, way in ways.items():
         both = way.seconds.keys() & ways[LIFT].seconds.keys()

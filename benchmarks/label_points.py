@@ -35,7 +35,8 @@ from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import learn_selector
-from stancekit.planners.answer.outcome import Posture, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium import rows as conic_rows
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.files.arrays import Array
@@ -100,7 +101,7 @@ def labelled(batch: PostureBatch, size: int) -> tuple[Points, Points]:
         index = np.arange(begin, min(begin + size, len(batch)))
         block = batch.select(index)
         answers = solve_all(planner, block)
-        postures = {k: answer.posture for k, answer in enumerate(answers) if answer.posture is not None}
+        postures = {k: answer.solution for k, answer in enumerate(answers) if answer.solution is not None}
         feasible |= {begin + k: point for k, point in points(block, postures).items()}
         kinds = [k for k, a in enumerate(answers) if a.status is Status.INFEASIBLE and not a.details["trivial"]]
         some = block.select(np.array(kinds, dtype=np.intp))
@@ -111,7 +112,7 @@ def labelled(batch: PostureBatch, size: int) -> tuple[Points, Points]:
 def alone(batch: PostureBatch) -> Points:
     """[p, f] of the postures that ``ExactPlanner`` happens to find."""
     planner = ExactPlanner(time_limit_s=math.inf)
-    answers = {k: planner.solve(problem).posture for k, problem in enumerate(batch.problems)}
+    answers = {k: planner.solve(problem).solution for k, problem in enumerate(batch.problems)}
     return points(batch, {k: posture for k, posture in answers.items() if posture is not None})
 
 

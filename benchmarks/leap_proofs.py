@@ -18,8 +18,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.cuts import MARGIN, proof_cut, ray
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
 from stancekit.planners.leap.rule import Rule

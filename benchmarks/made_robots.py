@@ -77,11 +77,11 @@ def judged(made: Made, folder: Path, frames: int = 1) -> dict[str, Any]:
         course = read_course(folder / "course.yaml")
         outcome = plan_course(course, make_course_planner("two-stage"))
         status, message = outcome.status.value, outcome.message
-        if outcome.plan is not None and outcome.report is not None:
-            write_plan(folder / "plan.json", outcome.plan, outcome.report)
+        if outcome.solution is not None and outcome.report is not None:
+            write_plan(folder / "plan.json", outcome.solution, outcome.report)
             again = check_file(folder / "plan.json", robot=model)
             status, message = "accepted" if again.accepted and outcome.report.accepted else "rejected", again.message
-            off_m, deepest_m = stands(outcome.plan, made, folder)
+            off_m, deepest_m = stands(outcome.solution, made, folder)
     except InvalidInput as error:
         status, message = "refused", str(error)
     accepted = status == "accepted"

@@ -43,12 +43,12 @@ def measure(modes: Modes, courses: int, rng: np.random.Generator) -> dict[str, f
     for _ in range(courses):
         course = perturbed("ground-to-wall", rng)
         outcome = planner.solve(course)
-        times.append(outcome.seconds)
+        times.append(outcome.effort.seconds)
         stances += len(course.stances)
         forced += len(course.stances) - int(outcome.details["open_stances"])
-        if outcome.plan is None or outcome.plan.modes is None:
+        if outcome.solution is None or outcome.solution.modes is None:
             undecided += 1
-        elif tuple(outcome.plan.modes.tolist()) == course.modes:
+        elif tuple(outcome.solution.modes.tolist()) == course.modes:
             right += 1
         else:
             wrong += 1

@@ -21,7 +21,8 @@ from rich.console import Console
 from rich.table import Table
 
 from stancekit.envs.distributions.courses import SMALL, perturbed
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course import Course, Foothold, StepLimits
@@ -130,11 +131,11 @@ def measured(head: dict[str, Any], course: Course, planners: dict[str, CoursePla
     return head | {"frames": course.frames} | {name: summary(one.solve(course)) for name, one in planners.items()}
 
 
-def summary(outcome: PlanOutcome) -> dict[str, Any]:
+def summary(outcome: Answer[Plan]) -> dict[str, Any]:
     """What is kept of an answer."""
     return {
         "status": outcome.status.value, "objective": _number(outcome.objective), "bound": _number(outcome.bound),
-        "seconds": outcome.seconds, "compile_s": outcome.compile_s, "nodes": outcome.details.get("nodes", 0.0),
+        "seconds": outcome.effort.seconds, "compile_s": outcome.effort.compile_s, "nodes": outcome.details.get("nodes", 0.0),
         "cuts": outcome.details.get("cuts", 0.0), "claim": outcome.claim,
     }  # fmt: skip
 

@@ -25,7 +25,7 @@ from rich.progress import track
 from rich.table import Table
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -151,7 +151,7 @@ def ask_planner(planner: Planner, problem: PostureProblem) -> Said:
         verified=outcome.status is Status.FEASIBLE,
         residual_nm=outcome.details.get("claimed_residual_nm", outcome.residual_nm),
         ms=ms,
-        solver_ms=ms * outcome.details.get("solver_s", outcome.seconds) / outcome.seconds,
+        solver_ms=ms * outcome.details.get("solver_s", outcome.effort.seconds) / outcome.effort.seconds,
     )
 
 

@@ -84,8 +84,8 @@ def shares(kind: str, proposers: Proposers, given: Arguments) -> None:
         settled["by proofs"] += len(proofs)
         settled["by postures"] += len(postures)
         settled["by either, nothing else asked"] += len(proofs | postures)
-        settled["without a solver, without proposers"] += sum(one.solves == 0 for one in before)
-        settled["without a solver"] += sum(one.solves == 0 for one in after)
+        settled["without a solver, without proposers"] += sum(one.effort.solves == 0 for one in before)
+        settled["without a solver"] += sum(one.effort.solves == 0 for one in after)
     given.say({"kind": kind, "draws": given.draws, "verdicts that differ": differ, **shared(kinds, given.draws)})
     given.say({"kind": kind, "settled": shared(settled, given.draws)})
 

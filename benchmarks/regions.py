@@ -23,8 +23,8 @@ from rich.console import Console
 from rich.table import Table
 
 from stancekit.envs.distributions.courses import icy_walls
-from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.layout import Index
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
@@ -60,7 +60,7 @@ class Peer:
     def __init__(self, name: str, programs: Programs, time_limit_s: float) -> None:
         self.name, self._programs, self._limit = name, programs, time_limit_s
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP: the cones."""
         clock, scaled = Clock.start(), Scaled.of(course)
         mixed = region_peers.Mixed.of(self._programs.get(LiftProgram, scaled.layout, False, False), scaled)
@@ -80,7 +80,7 @@ class Peer:
                 break
         details = {"projected": float(word == "feasible")}
         claim = Claim(found=plan, word=word, message=message, details=details)
-        return Acceptance().plan_outcome(course, claim, method=self.name, clock=clock)
+        return Acceptance().answer(course, claim, method=self.name, clock=clock)
 
     def _said(self, mixed: region_peers.Mixed) -> Any:
         if self.name == "scip":

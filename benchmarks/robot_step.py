@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
@@ -67,9 +67,9 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
     started = time.process_time()
     outcome = plan_with_reserve(make_course_planner("two-stage"), course)
     found: dict[str, Any] = {"name": name, "plan_s": time.process_time() - started, "status": outcome.status.value}
-    if outcome.plan is not None:
+    if outcome.solution is not None:
         started = time.process_time()
-        bent = whole_body(outcome.plan)
+        bent = whole_body(outcome.solution)
         plan, found["steps"], found["torque_share_before"] = bent.plan, bent.steps, bent.before[0]
         found["joints_s"] = time.process_time() - started
         with TemporaryDirectory() as folder:

@@ -66,9 +66,9 @@ def outcome_of(problem: Any, method: str) -> Any:
     import stancekit
 
     found = stancekit.solve(problem, method)
-    posture = None if found.posture is None else list(found.posture.to_json().items())
+    posture = None if found.solution is None else list(found.solution.to_json().items())
     proof = None if found.certificate is None else [found.certificate.tree, found.certificate.multipliers]
-    return [found.status.value, posture, proof, found.lower_bound, found.message, found.solves]
+    return [found.status.value, posture, proof, found.bound, found.message, found.effort.solves]
 
 
 def plan_of(course: str, frames: int) -> Any:
@@ -80,8 +80,8 @@ def plan_of(course: str, frames: int) -> Any:
     except stancekit.StancekitError as error:
         return str(error)
     arrays = None
-    if found.plan is not None:
-        arrays = [found.plan.com_m, found.plan.rotation_rad, found.plan.toes_m, found.plan.choice, found.plan.forces_n]
+    if found.solution is not None:
+        arrays = [found.solution.com_m, found.solution.rotation_rad, found.solution.toes_m, found.solution.choice, found.solution.forces_n]
     report = None if found.report is None else found.report.message
     return [found.status.value, arrays, found.bound, found.message, report]
 
@@ -91,9 +91,9 @@ def walk_of(terrain: str) -> Any:
     import stancekit
 
     found = stancekit.walk(terrain, (0.3, 0.0), duration_s=2.0, chart="decoupled")
-    if found.trajectory is None:
+    if found.solution is None:
         return found.message
-    walk = found.trajectory
+    walk = found.solution
     return [walk.torso_m, walk.rotation, walk.feet_m, walk.forces_n, walk.contact, found.message]
 
 
@@ -118,7 +118,7 @@ def stream_of() -> Any:
     from tests.emulators.memory_world import MemoryWorld
 
     world = MemoryWorld()
-    plan = stancekit.plan("walls", frames=2).plan
+    plan = stancekit.plan("walls", frames=2).solution
     Runner(world, dry=False).run(Accepted.verified(plan, "walls"))
     return [targets for _, targets in world.commands]
 

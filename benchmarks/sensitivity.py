@@ -122,12 +122,12 @@ def climb(course: Course, path: Path) -> Accepted | str:
     """The accepted plan of a course."""
     if not path.exists():
         outcome = with_whole_body(plan_with_reserve(make_course_planner("two-stage"), course))
-        if outcome.plan is None:
+        if outcome.solution is None:
             return outcome.message or outcome.status.value
-        report = check_plan(outcome.plan, joints=True)
+        report = check_plan(outcome.solution, joints=True)
         if not report.accepted:
             return f"{report.message}; {report.body_message}"
-        write_plan(path, outcome.plan, report)
+        write_plan(path, outcome.solution, report)
     return Accepted.from_file(path)
 
 

@@ -98,15 +98,15 @@ def planned(path: Path, torque_nm: float, folder: Path | None = None) -> Plan | 
         return str(error)
     outcome = plan_with_reserve(TwoStageCoursePlanner(), course)
     outcome = with_whole_body(outcome, WholeBodyLimits(torque_nm=torque_nm))
-    if outcome.plan is None:
+    if outcome.solution is None:
         return outcome.message or outcome.status.value
-    report = check_plan(outcome.plan, joints=True)
+    report = check_plan(outcome.solution, joints=True)
     if not report.accepted:
         return f"{report.message}; {report.body_message}"
     if file:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_plan(file, outcome.plan, report)
-    return outcome.plan
+        write_plan(file, outcome.solution, report)
+    return outcome.solution
 
 
 def figures(report: RunReport) -> dict[str, Any]:

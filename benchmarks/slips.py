@@ -38,7 +38,7 @@ class Arguments(Options):
 
 def main(arguments: Arguments) -> None:
     """Measure and print."""
-    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(arguments.course)).plan
+    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(arguments.course)).solution
     if plan is None:
         raise SystemExit(f"no plan for {arguments.course}")
     accepted = Accepted.verified(plan, arguments.course)

@@ -113,13 +113,13 @@ def measured(name: str, course: Course, options: Torques) -> Row:
     outcome = plan_with_reserve(make_course_planner("two-stage"), course)
     planned = time.process_time()
     row: dict[str, Any] = {"name": name, "frames": course.frames, "plan_s": planned - begin}
-    if outcome.plan is None:
+    if outcome.solution is None:
         return row | {"status": outcome.status.value}
-    limits = WholeBodyLimits(torque_nm=limit(outcome.plan, options), share=options.torque_share)
+    limits = WholeBodyLimits(torque_nm=limit(outcome.solution, options), share=options.torque_share)
     begin = time.process_time()
-    bent = whole_body(outcome.plan, limits)
+    bent = whole_body(outcome.solution, limits)
     bent_s, begin = time.process_time() - begin, time.process_time()
-    plan_angles(outcome.plan, Kinematics(course.robot))
+    plan_angles(outcome.solution, Kinematics(course.robot))
     joints_s = time.process_time() - begin
     begin = time.process_time()
     report = check_plan(bent.plan, joints=True)
@@ -130,7 +130,7 @@ def measured(name: str, course: Course, options: Torques) -> Row:
         "before_nm": bent.before.torque_nm, "after_nm": bent.after.torque_nm,
         "share_before": bent.before.share, "share": bent.after.share,
         "accepted": report.accepted, "message": report.failures or report.message,
-        "goal_mm": [1e3 * check_plan(plan).figures["goal_m"] for plan in (outcome.plan, bent.plan)],
+        "goal_mm": [1e3 * check_plan(plan).figures["goal_m"] for plan in (outcome.solution, bent.solution)],
         "friction_share": bent.plan.provenance.get("friction_share"),
     }  # fmt: skip
 

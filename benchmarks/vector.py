@@ -41,6 +41,7 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search.answer import Acceptance, Claim
+from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.exact import ExactPlanner
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
@@ -152,7 +153,7 @@ class BareLoop:
                 point = project(self._programs, "fix-p", scaled, answer.point)
                 if np.isfinite(point.residual):
                     claim = Claim(found=scaled.posture(point))
-                    self._acceptance.outcome(scene.problem, claim, method="fix-p", begin=0.0)
+                    self._acceptance.answer(scene.problem, claim, method="fix-p", clock=Clock.start())
 
 
 def rates(arguments: Arguments) -> dict[str, float]:

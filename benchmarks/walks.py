@@ -182,9 +182,9 @@ def planned(
         found = stancekit.walk(terrain, goal, robot=robot, friction=friction, time_limit_s=120.0)
     except InvalidInput as error:  # ground that it cannot stand on, for one
         return str(error)
-    if found.trajectory is None:
+    if found.solution is None:
         return str(found.message)
-    write_trajectory(path, found.trajectory, stancekit.verify(found.trajectory))
+    write_trajectory(path, found.solution, stancekit.verify(found.solution))
     return path
 
 

@@ -19,7 +19,7 @@ from .watch import watching
 if TYPE_CHECKING:
     from stancekit.planners.gait.method.attempt import Attempt, Attempted
     from stancekit.planners.gait.method.checkpoint import Checkpoint
-    from stancekit.planners.gait.method.portfolio import Caps, GaitPlan
+    from stancekit.planners.gait.method.portfolio import Attempts, Caps
     from stancekit.planners.gait.task import GaitSettings, GaitTask
 
 
@@ -197,7 +197,7 @@ class Gait:
 
     def _plan(
         self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], checkpoint: Checkpoint
-    ) -> GaitPlan:
+    ) -> Attempts:
         """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
         from stancekit.walks import walked
 
@@ -226,7 +226,7 @@ class Gait:
         write_trajectory(self.out, best.trajectory, best.report)
         return True
 
-    def _say(self, plan: GaitPlan, best: Attempted, written: bool) -> None:
+    def _say(self, plan: Attempts, best: Attempted, written: bool) -> None:
         from .gait_answer import joints, words
 
         for line in words(plan):

@@ -11,7 +11,7 @@ from .console import counted, err
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.method.attempt import Attempted
-    from stancekit.planners.gait.method.portfolio import GaitPlan
+    from stancekit.planners.gait.method.portfolio import Attempts
     from stancekit.planners.gait.task import GaitTask
 
 PHASES = ("feasible", "smooth", "densify")
@@ -29,7 +29,7 @@ def check_pictures(*paths: Path | None) -> None:
 
 
 def draw(
-    best: Attempted, plan: GaitPlan, *, picture: Path | None, convergence: Path | None, video: Path | None,
+    best: Attempted, plan: Attempts, *, picture: Path | None, convergence: Path | None, video: Path | None,
     html: Path | None,
 ) -> None:  # fmt: skip
     """Write the pictures, the film and the page that were asked for; the map's grid is drawn where there is one."""
@@ -74,7 +74,7 @@ def _map(one: Attempted) -> Callable[[Array], Array] | None:
     return lambda points: pushed.foot(points, np.zeros_like(points))[0]
 
 
-def record(plan: GaitPlan, best: Attempted, terrain: str, written: Path | None) -> dict[str, Any]:
+def record(plan: Attempts, best: Attempted, terrain: str, written: Path | None) -> dict[str, Any]:
     """All of it as one JSON object."""
     return {
         "terrain": terrain,
@@ -92,7 +92,7 @@ def record(plan: GaitPlan, best: Attempted, terrain: str, written: Path | None) 
     }
 
 
-def _attempt_record(plan: GaitPlan, index: int) -> dict[str, Any]:
+def _attempt_record(plan: Attempts, index: int) -> dict[str, Any]:
     one = plan.attempts[index]
     return {
         "attempt": one.attempt.name,
@@ -109,7 +109,7 @@ def _attempt_record(plan: GaitPlan, index: int) -> dict[str, Any]:
     }
 
 
-def _phases(plan: GaitPlan, one: Attempted) -> dict[str, dict[str, float]]:
+def _phases(plan: Attempts, one: Attempted) -> dict[str, dict[str, float]]:
     """By phase: CPU time, iterations and solves of an attempt."""
     solves = [record for record in plan.solves if record.attempt == one.attempt.name]
     return {
@@ -122,7 +122,7 @@ def _phases(plan: GaitPlan, one: Attempted) -> dict[str, dict[str, float]]:
     }
 
 
-def _peaks(plan: GaitPlan, index: int) -> tuple[float | None, float | None]:
+def _peaks(plan: Attempts, index: int) -> tuple[float | None, float | None]:
     """Peak acceleration of an attempt's first feasible point, and of what it came to [g]."""
     before = plan.feasible[index]
     if before is None:
@@ -130,7 +130,7 @@ def _peaks(plan: GaitPlan, index: int) -> tuple[float | None, float | None]:
     return tuple(report.figures.get("peak_acceleration_g") for report in (before, plan.attempts[index].report))  # type: ignore[return-value]
 
 
-def words(plan: GaitPlan) -> list[str]:
+def words(plan: Attempts) -> list[str]:
     """A line an attempt."""
     lines = []
     for index, one in enumerate(plan.attempts):

@@ -9,7 +9,9 @@ from stancekit.planners.errors import InvalidInput
 from .console import complain, emit, out, progress
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.leap_outcome import LeapOutcome
+    from stancekit.planners.answer.answer import Answer
+    from stancekit.planners.answer.leap_plan import LeapPlan
+    from stancekit.planners.problem.leap import Leap
 
     from .plan import PlanCourse
 
@@ -20,29 +22,29 @@ NO_USE = ("relaxation", "robot", "reach", "envelope", "torque_nm", "frames", "pi
 def plan_leap(asked: PlanCourse) -> int:
     """Plan the leap of a file; exit code 1 without a plan. Raises InvalidInput for options that it has no use for."""
     from stancekit.courses import plan
-    from stancekit.planners.answer.outcome import Status
+    from stancekit.planners.answer.answer import Status
     from stancekit.planners.formats.leap_file import read_leap, write_leap
 
     leap = read_leap(asked.course).leap
     method = _method(asked)
     with progress(f"plan {leap.name} by {method.order}"):
         outcome = plan(leap, method, time_limit_s=asked.time_limit_s)
-    if asked.out is not None and outcome.plan is not None:
-        write_leap(asked.out, leap, outcome.plan)
+    if asked.out is not None and outcome.solution is not None:
+        write_leap(asked.out, leap, outcome.solution)
     if asked.proof is not None and outcome.certificate is not None:
         write_leap(asked.proof, leap, None, outcome.certificate)
     reason = _reason(outcome)
     if asked.json:
-        emit(_record(outcome, reason))
+        emit(_record(leap, outcome, reason))
     else:
-        out.print(f"{leap.name}: {outcome.status.value}, {outcome.tries} tries, {outcome.solves} solves, "
-                  f"{1e3 * outcome.seconds:.0f} ms", highlight=False)  # fmt: skip
-        if outcome.plan is not None and outcome.report is not None:
+        out.print(f"{leap.name}: {outcome.status.value}, {outcome.effort.tries} tries, {outcome.effort.solves} solves, "
+                  f"{1e3 * outcome.effort.seconds:.0f} ms", highlight=False)  # fmt: skip
+        if outcome.solution is not None and outcome.report is not None:
             out.print(f"verifier: {outcome.report.message}", highlight=False)
-    for path, there in ((asked.out, outcome.plan), (asked.proof, outcome.certificate)):
+    for path, there in ((asked.out, outcome.solution), (asked.proof, outcome.certificate)):
         if path is not None:
             complain(f"wrote {path}" if there is not None else f"{path}: not written, since there is none")
-    if outcome.plan is None:
+    if outcome.solution is None:
         complain(f"stancekit: no plan: {leap.name}: {reason}")
     return int(outcome.status is not Status.FEASIBLE)
 
@@ -70,31 +72,31 @@ def _method(asked: PlanCourse) -> Any:
     return LeapFinder(order=order, share=0.8 if asked.reserve else 1.0)
 
 
-def _reason(outcome: LeapOutcome) -> str:
+def _reason(outcome: Answer[LeapPlan]) -> str:
     """Why there is no plan; empty where there is one."""
-    from stancekit.planners.verify.leap_proof import explain_leap
+    from stancekit.planners.verify import explain
 
-    if outcome.certificate is None:
+    if outcome.certificate is None or outcome.problem is None:
         return outcome.message
-    return explain_leap(outcome.problem, outcome.certificate).message
+    return explain(outcome.problem, outcome.certificate).message
 
 
-def _record(outcome: LeapOutcome, reason: str) -> dict[str, Any]:
+def _record(leap: Leap, outcome: Answer[LeapPlan], reason: str) -> dict[str, Any]:
     """Everything as one JSON object."""
     from stancekit.planners.formats.leap_file import plan_to_json
 
     record: dict[str, Any] = {
-        "leap": outcome.problem.name,
+        "leap": leap.name,
         "planner": outcome.method,
         "status": outcome.status.value,
-        "tries": outcome.tries,
-        "solves": outcome.solves,
-        "seconds": outcome.seconds,
+        "tries": outcome.effort.tries,
+        "solves": outcome.effort.solves,
+        "seconds": outcome.effort.seconds,
         "message": reason,
     }
-    if outcome.plan is not None and outcome.report is not None:
+    if outcome.solution is not None and outcome.report is not None:
         record["verdict"] = outcome.report.to_json()
-        record["plan"] = plan_to_json(outcome.plan)
+        record["plan"] = plan_to_json(outcome.solution)
     if outcome.certificate is not None:
         record["leaves"] = len(outcome.certificate.multipliers)
     return record

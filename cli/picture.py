@@ -63,9 +63,9 @@ class Picture:
             if boxed and envelopes is not None:
                 settings["envelopes"] = envelopes
             outcome = make_planner(self.method, **settings).solve(problem)
-            posture, status = outcome.posture, outcome.status.value
+            posture, status = outcome.solution, outcome.status.value
             chosen = int(outcome.details.get("chosen", 0))
-            caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.seconds:.1f} ms"
+            caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.effort.seconds:.1f} ms"
             if outcome.certificate is not None:
                 why = explain(problem, outcome.certificate).message
         envelope = None if envelopes is None else envelopes.envelopes[chosen]

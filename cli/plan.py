@@ -20,8 +20,8 @@ from .plan_table import message_of, row, table_of
 from .robot_plan import bent_lines
 
 if TYPE_CHECKING:
+    from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.plan import Plan
-    from stancekit.planners.answer.plan_outcome import PlanOutcome
     from stancekit.planners.problem.course import Course
     from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
     from stancekit.planners.search.answer import CoursePlanner
@@ -128,9 +128,10 @@ class PlanCourse:
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.courses import plan
-        from stancekit.planners.answer.outcome import Status
+        from stancekit.planners.answer.answer import Status
         from stancekit.planners.formats.leap_file import is_leap_file
         from stancekit.planners.formats.proof_file import write_proof
+        from stancekit.planners.problem.course import Course
 
         if is_leap_file(self.course):
             from .leap_plan import plan_leap
@@ -145,9 +146,9 @@ class PlanCourse:
             left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
             outcome = plan(question, planner, **asked, body=limits, time_limit_s=left_s)
         course, report = outcome.problem, outcome.report
-        assert course is not None
-        if outcome.plan is not None and report is not None:
-            self._write(outcome.plan, report)
+        assert isinstance(course, Course)
+        if outcome.solution is not None and report is not None:
+            self._write(outcome.solution, report)
         proved = outcome.certificate is not None
         message = message_of(outcome)
         if self.proof is not None and outcome.certificate is not None:
@@ -156,7 +157,7 @@ class PlanCourse:
             emit(self._record(course, outcome, report, message))
         else:
             out.print(table_of(course, outcome))
-            for line in [] if outcome.plan is None or report is None else self._said(outcome, report):
+            for line in [] if outcome.solution is None or report is None else self._said(outcome, report):
                 out.print(line, highlight=False)
         if report is None:
             complain(f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}")
@@ -252,11 +253,11 @@ class PlanCourse:
 
             write_page(self.html, PlanView(plan).film(step_s=1.5))
 
-    def _said(self, outcome: PlanOutcome, report: Report[Plan]) -> Iterator[str]:
+    def _said(self, outcome: Answer[Plan], report: Report[Plan]) -> Iterator[str]:
         """What people are told of a plan, below the table."""
         from stancekit.planners.answer.report import LATE
 
-        plan = outcome.plan
+        plan = outcome.solution
         assert plan is not None
         share = plan.provenance.get("friction_share", 1.0)
         if share != 1.0:
@@ -277,7 +278,7 @@ class PlanCourse:
         yield from (f"wrote {path}{refused}" for path in self._outputs())
 
     def _record(
-        self, course: Course, outcome: PlanOutcome, report: Report[Plan] | None, message: str
+        self, course: Course, outcome: Answer[Plan], report: Report[Plan] | None, message: str
     ) -> dict[str, Any]:
         """Everything as one JSON object."""
         from stancekit.planners.answer.report import or_null, plan_arrays
@@ -289,17 +290,17 @@ class PlanCourse:
             "planner": outcome.method,
             "status": outcome.status.value,
             **{name: or_null(getattr(outcome, name)) for name in numbers},
-            "solves": outcome.solves,
+            "solves": outcome.effort.solves,
             "sets": outcome.sets,
             "claim": outcome.claim,
             "message": message,
             "details": {name: or_null(float(value)) for name, value in outcome.details.items()},
         }
-        if outcome.plan is not None and report is not None:
-            arrays = plan_arrays(outcome.plan).items()
+        if outcome.solution is not None and report is not None:
+            arrays = plan_arrays(outcome.solution).items()
             record["verdict"] = report.to_json()
             record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
-            model = outcome.plan.course.robot.model
+            model = outcome.solution.course.robot.model
             record["cannot_run"] = [] if model is None else list(model.unrunnable)
             record["files"] = [str(path) for path in self._outputs()]
         return record

@@ -10,11 +10,12 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.plan_outcome import PlanOutcome
+    from stancekit.planners.answer.answer import Answer
+    from stancekit.planners.answer.plan import Plan
     from stancekit.planners.problem.course import Course
 
 
-def table_of(course: Course, outcome: PlanOutcome) -> Table:
+def table_of(course: Course, outcome: Answer[Plan]) -> Table:
     """One row: what was planned, how, and what came of it."""
     table = Table(box=None, header_style="bold")
     for name in ("course", "planner", "frames", "status", "objective", "bound", "compile", "solve"):
@@ -23,12 +24,12 @@ def table_of(course: Course, outcome: PlanOutcome) -> Table:
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow"}[outcome.status.value]
     table.add_row(
         course.name, outcome.method, str(course.frames), Text(outcome.status.value, style=colour),
-        number(outcome.objective), number(outcome.bound), f"{outcome.compile_s:.2f} s", f"{outcome.seconds:.3f} s",
+        number(outcome.objective), number(outcome.bound), f"{outcome.effort.compile_s:.2f} s", f"{outcome.effort.seconds:.3f} s",
     )  # fmt: skip
     return table
 
 
-def message_of(outcome: PlanOutcome) -> str:
+def message_of(outcome: Answer[Plan]) -> str:
     """The planner's message; of a course that is refuted, the reason that the proof gives, and the sets it is over."""
     if outcome.certificate is None or outcome.problem is None:
         return outcome.message

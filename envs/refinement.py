@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs

@@ -17,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.programs import Programs

@@ -9,7 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.outcome import Outcome, Posture, Status
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.cached import cached_property
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -50,14 +51,14 @@ class Scene:
         return self.scaled.point(self.posture)
 
     @classmethod
-    def of(cls, problem: PostureProblem, outcome: Outcome) -> Scene:
+    def of(cls, problem: PostureProblem, outcome: Answer[Posture]) -> Scene:
         """A problem that the expert decided."""
         return cls(
             problem=problem,
             feasible=outcome.status is Status.FEASIBLE,
-            posture=outcome.posture,
-            lower_bound=outcome.lower_bound,
-            expert_seconds=outcome.seconds,
+            posture=outcome.solution,
+            lower_bound=outcome.bound,
+            expert_seconds=outcome.effort.seconds,
         )
 
 

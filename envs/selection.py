@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.outcome import Posture
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.relaxation.envelope import Envelope
 

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.outcome import Posture
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium.features import ROOM
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled

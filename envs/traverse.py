@@ -10,9 +10,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
@@ -170,7 +169,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             course = self._draw(self.np_random)
             if course.frames < 2:
                 raise InvalidInput(f"course: expected two or more frames to go, got {course.frames}")
-            plan = replan(None, course, horizon=0, planner=self._start).plan
+            plan = replan(None, course, horizon=0, planner=self._start).solution
             if plan is not None:
                 self._course, self._walked = course, [plan]
                 self._frame, self._vain, self._over = 0, 0, False
@@ -220,7 +219,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             outcome = replan(state, course, frame=self._frame, horizon=self._horizon, planner=planner)
         except InvalidInput:  # an envelope that was not learned for these limbs or patches
             return _Try(refused=True)
-        plan = outcome.plan
+        plan = outcome.solution
         if plan is not None and not check_plan(joined(course, [*self._walked, plan])).accepted:
             plan = None  # it holds by itself, but cannot be reached from where the last one ended
         executed = -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
@@ -233,8 +232,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         weights, standing = self._weights, Standing.at_end(self._walked[-1])
         coming = range(self._frame + 1, self._frame + 1 + self._horizon)
         modes, outcome, clock = course.modes or (), tried.outcome, float(self._timing)
-        solves = 0 if outcome is None else outcome.solves
-        seconds = 0.0 if outcome is None else clock * outcome.seconds
+        solves = 0 if outcome is None else outcome.effort.solves
+        seconds = 0.0 if outcome is None else clock * outcome.effort.seconds
         return {
             "feasible": int(tried.plan is not None),
             "infeasible": int(tried.infeasible),
@@ -255,7 +254,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             "reward_failure": -weights.failure * (tried.failed),
             "reward_effort": -weights.solve * solves - weights.second * seconds,
             "plan_seconds": seconds,
-            "compile_seconds": 0.0 if outcome is None else clock * outcome.compile_s,
+            "compile_seconds": 0.0 if outcome is None else clock * outcome.effort.compile_s,
         }
 
 
@@ -263,7 +262,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 class _Try:
     """What came of planning a window; nothing was tried where all is at its default."""
 
-    outcome: PlanOutcome | None = None
+    outcome: Answer[Plan] | None = None
     plan: Plan | None = None
     refused: bool = False
     executed: int = -1

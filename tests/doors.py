@@ -19,8 +19,9 @@ from typing import Any
 
 import stancekit
 from stancekit.cli.main import parse, run
-from stancekit.planners.answer.outcome import Outcome, Status
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.proof_file import read_proof
 from stancekit.planners.problem import PostureProblem
@@ -239,7 +240,7 @@ def _proved(status: str, problem: PostureProblem | Course) -> str:
     return digest_of(problem) if status == "infeasible" else ""
 
 
-def _reply(outcome: Outcome | PlanOutcome) -> Reply:
+def _reply(outcome: Answer[Any]) -> Reply:
     """What an outcome of the library says, whose certificate has to prove what it carries."""
     proved = ""
     if outcome.certificate is not None:
@@ -247,7 +248,7 @@ def _reply(outcome: Outcome | PlanOutcome) -> Reply:
         assert stancekit.verify(outcome.problem, outcome.certificate).accepted
         assert stancekit.explain(outcome).message.startswith("infeasible: ")
         proved = digest_of(outcome.problem)
-    planned = isinstance(outcome, PlanOutcome) and outcome.status is Status.FEASIBLE
+    planned = isinstance(outcome.solution, Plan) and outcome.status is Status.FEASIBLE
     objective = outcome.objective if planned else math.nan
     return Reply(status=outcome.status.value, proved=proved, objective=objective)
 

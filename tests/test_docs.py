@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from stancekit.cli.main import main
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_posture
@@ -159,7 +159,7 @@ def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answe
         problem = PostureProblem.from_json(example)
         outcome = ExactPlanner().solve(problem)
         assert outcome.status is not Status.UNDECIDED
-        assert outcome.posture is None or check_posture(problem, outcome.posture).accepted
+        assert outcome.solution is None or check_posture(problem, outcome.solution).accepted
 
 
 def test_every_verb_on_a_page_is_one_that_there_is() -> None:

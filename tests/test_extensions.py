@@ -106,7 +106,7 @@ def test_a_reward_term_of_ones_own_is_weighed_and_told(mine):
 
 
 def test_a_verifier_group_of_ones_own_refuses_and_is_named():
-    plan = stancekit.plan("walls", frames=2).plan
+    plan = stancekit.plan("walls", frames=2).solution
 
     def low(it):
         return Group(name="low", value=float(it.com_m[:, 2].max()), unit="m", when=0)

@@ -27,7 +27,7 @@ class Mine:
     def sample(self, rng):
         return stancekit.sample("ground-3", rng=int(rng.integers(9)))[0]
 """
-TIMES = {"seconds", "compile_s", "solver_seconds", "verifier_seconds", "fit_seconds", "p1_ms"}
+TIMES = {"seconds", "compile_s", "solver_s", "verifier_s", "fit_seconds", "p1_ms"}
 """Names of what is no part of an answer."""
 Call = Callable[[int], Any]
 
@@ -83,13 +83,13 @@ def calls(folder: Path) -> dict[str, Call]:
     refuted = refuted[:3]  # a number that divides PERIOD
     of_proof = [(outcome.problem, outcome.certificate) for outcome in refuted]
     held = [
-        (p, o.posture) for p, o in zip(problems, outcomes, strict=True) if o.posture is not None
+        (p, o.solution) for p, o in zip(problems, outcomes, strict=True) if o.solution is not None
     ]
     held = held[:3]
     asked = {question.name: question for question in questions()}
     dog = replace(asked["dog-0.48"], keys=asked["dog-0.48"].keys | {"frames": 4}).file(folder)
     plans = [
-        stancekit.plan(name, frames=4, time_limit_s=LONG_S).plan for name in ("stairs", "walls")
+        stancekit.plan(name, frames=4, time_limit_s=LONG_S).solution for name in ("stairs", "walls")
     ]
     proofs = [
         stancekit.plan(asked[name].file(folder))

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from stancekit.planners.answer.outcome import Posture
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only

@@ -47,12 +47,12 @@ def problem_on(patches: dict[str, stancekit.Patch]) -> stancekit.PostureProblem:
 patches = {"RF": ground(0.2, -0.3, 0.6), "RR": ground(-0.3, -0.3, 0.6), "LM": ground(-0.05, 0.25, 0.6, lean=0.3)}
 problem = problem_on(patches)
 outcome = stancekit.solve(problem)
-print(outcome.status.value, "in", outcome.solves, "convex problems")
-print(stancekit.verify(problem, outcome.posture).message)
-print("forces [N]\n", outcome.posture.forces_n.round(1))
+print(outcome.status.value, "in", outcome.effort.solves, "convex problems")
+print(stancekit.verify(problem, outcome.solution).message)
+print("forces [N]\n", outcome.solution.forces_n.round(1))
 
 # %%
-_ = stancekit.draw(problem, outcome.posture, caption="three limbs carry 10 kg", out="posture.png")
+_ = stancekit.draw(problem, outcome.solution, caption="three limbs carry 10 kg", out="posture.png")
 
 # %%
 # And where there is none

@@ -92,7 +92,7 @@ terrain: {kind: mesh, file: tiles.stl, friction: 0.7}
 """)
 outcome = stancekit.plan("course.yaml")
 print(outcome.status.value)
-plan = outcome.plan
+plan = outcome.solution
 print(stancekit.verify(plan).message)
 print("joint angles", plan.joints_rad.shape)
 stancekit.save(plan, "plan.json")

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.problem import PostureProblem

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 
 from ..scenes import Scene

@@ -23,7 +23,7 @@ from stancekit.envs.data.labelled_posture import LabelledPosture
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import check_new_folder, failure_of, replaced
 from stancekit.planners.relaxation.envelope import Envelope

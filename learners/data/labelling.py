@@ -26,7 +26,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import Header, LabelPlan, Shard
 from stancekit.envs.data.summary import Summary, finite
 from stancekit.envs.distributions.postures import Distribution
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_bytes

@@ -21,7 +21,8 @@ from stancekit.envs.data import ledger
 from stancekit.envs.data.labelled_posture import LabelledPosture, table_of
 from stancekit.envs.data.ledger import Counts, Header, LabelPlan, Shard, Tally
 from stancekit.envs.distributions.postures import Distribution, distribution
-from stancekit.planners.answer.outcome import Outcome, Posture, Status
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import StancekitError
@@ -154,24 +155,24 @@ class _Labeller:
             for k, outcome in enumerate(decided.outcomes)
             if kinds[k] in self._kinds
         ]
-        return rows, kinds, [round(1e3 * outcome.seconds, 3) for outcome in decided.outcomes]
+        return rows, kinds, [round(1e3 * outcome.effort.seconds, 3) for outcome in decided.outcomes]
 
-    def _row(self, sample: int, problem: PostureProblem, outcome: Outcome, point: Array | None) -> LabelledPosture:
+    def _row(self, sample: int, problem: PostureProblem, outcome: Answer[Posture], point: Array | None) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
-        status, certificate, bound = outcome.status, outcome.certificate, outcome.lower_bound
+        status, certificate, bound = outcome.status, outcome.certificate, outcome.bound
         if _kind(outcome) == "infeasible" and point is None:
             status, certificate, bound = Status.UNDECIDED, None, 0.0
         return LabelledPosture(
             shard=self._shard, row=0, sample=sample, problem=problem, status=status,
-            trivial=_kind(outcome) == "trivial", posture=outcome.posture, point=point, certificate=certificate,
-            lower_bound=bound, solves=outcome.solves, nodes=int(outcome.details["nodes"]),
+            trivial=_kind(outcome) == "trivial", posture=outcome.solution, point=point, certificate=certificate,
+            lower_bound=bound, solves=outcome.effort.solves, nodes=int(outcome.details["nodes"]),
         )  # fmt: skip
 
     def _points(self, batch: PostureBatch, decided: Decided) -> dict[int, Array]:
         """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates nothing else."""
         postures, outcomes = dict[int, Posture](), decided.outcomes
         if "feasible" in self._kinds:
-            postures |= {k: outcome.posture for k, outcome in enumerate(outcomes) if outcome.posture is not None}
+            postures |= {k: outcome.solution for k, outcome in enumerate(outcomes) if outcome.solution is not None}
         if "infeasible" in self._kinds:
             of = [k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"]
             postures |= {k: decided.relaxed[k] for k in of if k in decided.relaxed}
@@ -294,7 +295,7 @@ class ShardDraft:
         return Shard(table=rows, tally=tally, timing=timing)
 
 
-def _kind(outcome: Outcome) -> str:
+def _kind(outcome: Answer[Posture]) -> str:
     """The label, "trivial" set apart."""
     trivial = outcome.status is Status.INFEASIBLE and outcome.details["trivial"] > 0.0
     return "trivial" if trivial else str(outcome.status)

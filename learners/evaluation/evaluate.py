@@ -15,13 +15,14 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import ADMITTED
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Acceptance, Claim
+from stancekit.planners.search.clock import Clock
 
 from ..data.executor import Executor, gather, processes
 from ..selectors.own import ANY
@@ -252,7 +253,7 @@ def _lifted(
                 point = project(programs, way, scaled, lift.rounded()[1])
                 if np.isfinite(point.residual):
                     claim = Claim(found=scaled.posture(point))
-                    outcome = acceptance.outcome(scene.problem, claim, method=way, begin=0.0)
+                    outcome = acceptance.answer(scene.problem, claim, method=way, clock=Clock.start())
                     reached = outcome.status is Status.FEASIBLE
             info[_key(way)] = int(reached)
         infos.append(info)

@@ -15,7 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -171,8 +172,8 @@ def _two_stage(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSe
     cpu_s = time.process_time()
     again = [planner.solve(course) for _ in range(settings.repeats)]
     cpu_s = (time.process_time() - cpu_s) / settings.repeats
-    middle = sorted(again, key=lambda outcome: outcome.seconds)[len(again) // 2]
-    over = [(outcome.seconds - outcome.verifier_seconds) / outcome.solver_seconds for outcome in again]
+    middle = sorted(again, key=lambda outcome: outcome.effort.seconds)[len(again) // 2]
+    over = [(outcome.effort.seconds - outcome.effort.verifier_s) / outcome.effort.solver_s for outcome in again]
     scaled = Scaled.of(course)
     if isinstance(planner, EnvelopeCoursePlanner):
         rows, columns = planner.size(scaled)
@@ -180,8 +181,8 @@ def _two_stage(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSe
         rows, columns = programs.get(LiftProgram, scaled.layout, scaled.box_implied, False).rows.shape
     return {
         **_answer(middle), "variables": columns, "binaries": 0, "constraints": rows,
-        "compile_s": first.compile_s, "seconds": middle.seconds, "solver_s": middle.solver_seconds,
-        "cpu_s": cpu_s, "verify_s": middle.verifier_seconds, "over_solver": float(np.median(over)),
+        "compile_s": first.effort.compile_s, "seconds": middle.effort.seconds, "solver_s": middle.effort.solver_s,
+        "cpu_s": cpu_s, "verify_s": middle.effort.verifier_s, "over_solver": float(np.median(over)),
     }  # fmt: skip
 
 
@@ -203,14 +204,14 @@ def _micp(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) ->
     outcome = planner.solve(course)
     sizes = {name: int(outcome.details[name]) for name in ("variables", "binaries", "constraints")}
     return {
-        **_answer(outcome), **sizes, "compile_s": outcome.compile_s, "seconds": outcome.details["solver_s"],
+        **_answer(outcome), **sizes, "compile_s": outcome.effort.compile_s, "seconds": outcome.details["solver_s"],
         "cpu_s": outcome.details["solver_cpu_s"],
         "capped": outcome.claim == "unknown",
         "cell_error": outcome.details["cell_error"], "claimed_residual": outcome.details.get("claimed_residual"),
     }  # fmt: skip
 
 
-def _answer(outcome: PlanOutcome) -> dict[str, Any]:
+def _answer(outcome: Answer[Plan]) -> dict[str, Any]:
     objective = None if np.isnan(outcome.objective) else outcome.objective
     return {"status": outcome.status.value, "claim": outcome.claim, "objective": objective, "message": outcome.message}
 

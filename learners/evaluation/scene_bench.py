@@ -18,8 +18,8 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
-from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
@@ -107,12 +107,12 @@ def measure(scene: str, method: str, settings: SceneBenchSettings, plan_file: Pa
     begin = time.process_time()
     outcome = _solved(course, Path(scene).stem, method, settings)
     cpu_s = time.process_time() - begin
-    if outcome.plan is not None:
-        write_plan(plan_file, outcome.plan, check_plan(outcome.plan))
+    if outcome.solution is not None:
+        write_plan(plan_file, outcome.solution, check_plan(outcome.solution))
     return {**row, **_answer(course, outcome), "cpu_s": cpu_s}
 
 
-def _solved(course: Course, scene: str, method: str, settings: SceneBenchSettings) -> PlanOutcome:
+def _solved(course: Course, scene: str, method: str, settings: SceneBenchSettings) -> Answer[Plan]:
     if method in KINEMATIC:
         choice, _, solver = method.partition("-")
         planner = KinematicPlanner(
@@ -123,13 +123,13 @@ def _solved(course: Course, scene: str, method: str, settings: SceneBenchSetting
     return make_course_planner(method, PlannerOptions(time_limit_s=settings.time_limit_s)).solve(course)
 
 
-def _answer(course: Course, outcome: PlanOutcome) -> dict[str, Any]:
+def _answer(course: Course, outcome: Answer[Plan]) -> dict[str, Any]:
     details, claimed = outcome.details, outcome.claim == "feasible"
     message = outcome.message
     if outcome.certificate is not None:
         message = explain(course, outcome.certificate).message
-    elif outcome.plan is not None and "placed" not in details:
-        message = check_plan(outcome.plan).message
+    elif outcome.solution is not None and "placed" not in details:
+        message = check_plan(outcome.solution).message
     return {
         "status": outcome.status.value,
         "claim": outcome.claim,
@@ -139,9 +139,9 @@ def _answer(course: Course, outcome: PlanOutcome) -> dict[str, Any]:
         "steps": sum(len(lifted) for lifted in course.lifts),
         "frames": course.frames,
         "objective": None if math.isnan(outcome.objective) else outcome.objective,
-        "goal_m": None if outcome.plan is None else float(np.linalg.norm(outcome.plan.com_m[-1] - course.goal_m)),
-        "seconds": outcome.seconds + outcome.compile_s,
-        "solver_s": outcome.solver_seconds,
+        "goal_m": None if outcome.solution is None else float(np.linalg.norm(outcome.solution.com_m[-1] - course.goal_m)),
+        "seconds": outcome.effort.seconds + outcome.effort.compile_s,
+        "solver_s": outcome.effort.solver_s,
         "tried": details.get("tried"),
         "message": message,
     }

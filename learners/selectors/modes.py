@@ -82,7 +82,7 @@ def solved_postures(
     problems, points = list[PostureProblem](), list[Array]()
     while len(points) < count:
         problem = source.sample(rng)
-        posture = planner.solve(problem).posture
+        posture = planner.solve(problem).solution
         if posture is not None:
             problems.append(problem)
             points.append(Scaled.of(problem).point(posture))

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import PooledScenes, Scene, SceneKind
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, StancekitError

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from ..problem.course import Course
-from .outcome import Posture
+from .posture import Posture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

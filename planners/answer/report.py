@@ -22,10 +22,11 @@ from ..problem.course import Course
 from ..problem.course_json import course_to_json
 from ..problem.leap import Leap
 from ..robot.urdf import joint_names
+from .certificate import Certificate
 from .hindrance import plan_hindrance, walk_hindrance
 from .leap_plan import NUMBERS, LeapPlan
-from .outcome import Certificate, Posture
 from .plan import Plan
+from .posture import Posture
 from .trajectory import Trajectory
 
 GROUPS = {

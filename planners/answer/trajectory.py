@@ -62,7 +62,7 @@ class Trajectory:
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-        >>> walked = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").trajectory
+        >>> walked = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
         >>> walked.samples, stancekit.verify(walked).accepted
         (401, True)
     """

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.outcome import Posture
+from ..answer.posture import Posture
 from ..cached import cached_property
 from ..files.arrays import Array
 from ..problem import PostureBatch

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.outcome import Posture
+from ..answer.posture import Posture
 from ..cached import cached_property
 from ..files.arrays import Array
 from ..problem import PostureProblem

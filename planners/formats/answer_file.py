@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..answer.outcome import Certificate, Posture
+from ..answer.certificate import Certificate
+from ..answer.posture import Posture
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
 from ..files.documents import parse_json, read_json

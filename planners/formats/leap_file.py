@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..answer.certificate import Certificate
 from ..answer.leap_plan import NUMBERS, LeapPlan
-from ..answer.outcome import Certificate
 from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from ..answer.outcome import Certificate
+from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
 from ..files.documents import read_json

@@ -9,8 +9,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ..answer.leap_outcome import LeapOutcome
-from ..answer.outcome import Status
+from ..answer.answer import Answer, Effort, Status
+from ..answer.leap_plan import LeapPlan
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs, programs_of_this_thread
 from ..errors import InvalidInput
@@ -80,7 +80,7 @@ def find_leap(
     *,
     programs: Programs | None = None,
     time_limit_s: float = 60.0,
-) -> LeapOutcome:
+) -> Answer[LeapPlan]:
     """Search for a leap, and for a proof that there is none where no plan is found.
 
     Returns an outcome that is feasible with a plan that ``check_leap`` accepted, infeasible with a certificate that
@@ -94,15 +94,13 @@ def find_leap(
             plan = plan_of(search.last.numbers, found, method.order)
             report = check_leap(plan)
             if report.accepted:
-                return LeapOutcome(
+                return Answer(
                     status=Status.FEASIBLE,
                     method=method.order,
                     problem=leap,
-                    plan=plan,
+                    solution=plan,
                     report=report,
-                    tries=search.tries,
-                    solves=search.solves,
-                    seconds=time.perf_counter() - begin,
+                    effort=search.effort(time.perf_counter() - begin),
                 )
         if time.perf_counter() > deadline:
             break
@@ -113,14 +111,12 @@ def find_leap(
         said = check_leap_certificate(leap, certificate)
         if not said.accepted:
             certificate, message = None, f"the proof was refused: {said.message}"
-    return LeapOutcome(
+    return Answer(
         status=Status.UNDECIDED if certificate is None else Status.INFEASIBLE,
         method=method.order,
         problem=leap,
         certificate=certificate,
-        tries=search.tries,
-        solves=search.solves,
-        seconds=time.perf_counter() - begin,
+        effort=search.effort(time.perf_counter() - begin),
         message="" if certificate is not None else message,
         details={"search_solves": float(tried)},
     )
@@ -147,6 +143,10 @@ class LeapSearch:
         self._rng = np.random.default_rng(method.seed)
         self.last = self._timings[0]
         self.tries = self.solves = 0
+
+    def effort(self, seconds: float) -> Effort:
+        """What the search has cost so far, in so much time [s]."""
+        return Effort(solves=self.solves, tries=self.tries, seconds=seconds)
 
     def attempts(self) -> Iterator[Attempt]:
         """Attempts, timing by timing in turn, until the solves are spent or nothing is left to try."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..answer.outcome import Certificate
+from ..answer.certificate import Certificate
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Layout
 from ..equilibrium.programs import Programs

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
@@ -10,9 +9,11 @@ from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 
-from ..answer.outcome import Certificate, Outcome, Posture, Status
+from ..answer.answer import Answer, Effort, Status
+from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.posture import Posture
+from ..answer.report import Report
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
 from ..problem import PostureProblem
@@ -30,7 +31,7 @@ class Planner(Protocol):
 
     name: str
 
-    def solve(self, problem: PostureProblem) -> Outcome:
+    def solve(self, problem: PostureProblem) -> Answer[Posture]:
         """Answer one problem. Raises InvalidInput where the planner is not made for it."""
         ...
 
@@ -40,7 +41,7 @@ class CoursePlanner(Protocol):
 
     name: str
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Answer one course. Raises InvalidInput where the planner is not made for it."""
         ...
 
@@ -92,87 +93,71 @@ class Acceptance:
     tolerance: float = 1e-6
     gap: float = 1e-4
 
-    def outcome(
-        self, problem: PostureProblem, claim: Claim[Posture], *, method: str, begin: float, solves: int = 0
-    ) -> Outcome:
-        """Feasible if the posture is verified, infeasible if the certificate is, else undecided.
-
-        begin: ``time.perf_counter()`` when the work on the problem began.
-        """
-        status, lower_bound, message = Status.UNDECIDED, 0.0, claim.message
-        residual = residual_nm = float("nan")
-        if claim.found is not None:
-            report = check_posture(problem, claim.found, tolerance=self.tolerance)
-            residual, residual_nm = report.worst, report.figures["residual_nm"]
-            if report.accepted:
-                status = Status.FEASIBLE
-            else:
-                message = message or f"witness refused: {report.message}"
-        if claim.certificate is not None and status is Status.UNDECIDED:
-            proof = check_certificate(problem, claim.certificate, tolerance=self.gap)
-            lower_bound = proof.figures["lower_bound"]
-            if proof.accepted:
-                status, message = Status.INFEASIBLE, GIVEN.format(problem.robot) if problem.robot else ""
-            else:
-                message = message or f"certificate refused: {proof.message}"
-        return Outcome(
-            status=status,
-            method=method,
-            problem=problem,
-            posture=claim.found if status is Status.FEASIBLE else None,
-            certificate=claim.certificate if status is Status.INFEASIBLE else None,
-            residual=residual,
-            residual_nm=residual_nm,
-            lower_bound=lower_bound,
-            solves=solves,
-            seconds=time.perf_counter() - begin,
-            claim=claim.word,
-            message=message,
-            details=dict(claim.details),
-        )
-
-    def plan_outcome(
-        self, course: Course, claim: Claim[Plan], *, method: str, clock: Clock, bound: float = float("nan")
-    ) -> PlanOutcome:
-        """Feasible if the plan is verified, infeasible if the certificate is, else undecided.
+    def answer(
+        self,
+        problem: PostureProblem | Course,
+        claim: Claim[Evidence],
+        *,
+        method: str,
+        clock: Clock,
+        bound: float = float("nan"),
+    ) -> Answer[Evidence]:
+        """Feasible if the posture or the plan is verified, infeasible if the certificate is, else undecided.
 
         bound: on the objective of any plan, proved.
         """
-        status, residual, begin, message = Status.UNDECIDED, float("nan"), clock.elapsed(), claim.message
+        status, report, begin, message = Status.UNDECIDED, None, clock.elapsed(), claim.message
         if claim.found is not None:
-            report = check_plan(
-                claim.found, tolerance=self.tolerance, between=False
-            )  # convexity proves the way between
-            residual = report.worst
+            report = self._judged(problem, claim.found)
             if report.accepted:
                 status = Status.FEASIBLE
             else:
-                message = message or f"plan refused: {report.message}"
+                kind = "witness" if isinstance(claim.found, Posture) else "plan"
+                message = message or f"{kind} refused: {report.message}"
+        posed = isinstance(problem, PostureProblem)
+        bound = 0.0 if posed else bound
         if claim.certificate is not None and status is Status.UNDECIDED:
-            proof = check_certificate(course, claim.certificate, tolerance=0.0)
+            proof = check_certificate(problem, claim.certificate, tolerance=self.gap if posed else 0.0)
+            bound = proof.figures["lower_bound"] if posed else bound
             if proof.accepted:
-                status, bound, message = Status.INFEASIBLE, float("inf"), proof.message
+                status = Status.INFEASIBLE
+                bound, message = (bound, _given(problem)) if posed else (float("inf"), proof.message)
             else:
                 message = message or f"certificate refused: {proof.message}"
-        plan, seconds = claim.found if status is Status.FEASIBLE else None, clock.elapsed()
-        return PlanOutcome(
+        found, seconds = claim.found if status is Status.FEASIBLE else None, clock.elapsed()
+        return Answer(
             status=status,
             method=method,
-            problem=course,
-            plan=plan,
-            objective=objective_of(plan) if plan is not None else float("nan"),
-            bound=bound,
+            problem=problem,
+            solution=found,
             certificate=claim.certificate if status is Status.INFEASIBLE else None,
-            residual=residual,
-            solves=clock.solves,
-            compile_s=clock.compile_s,
-            seconds=seconds - clock.compile_s,
-            solver_seconds=clock.solver_s,
-            verifier_seconds=seconds - begin,
+            report=None if isinstance(found, Plan) else report,  # a plan's comes with its whole body
+            objective=objective_of(found) if isinstance(found, Plan) else float("nan"),
+            bound=bound,
+            residual=float("nan") if report is None else report.worst,
+            effort=Effort(
+                solves=clock.solves,
+                compile_s=clock.compile_s,
+                seconds=seconds - clock.compile_s,
+                solver_s=clock.solver_s,
+                verifier_s=seconds - begin,
+            ),
             claim=claim.word,
             message=message,
             details=dict(claim.details),
         )
+
+    def _judged(self, problem: PostureProblem | Course, found: Posture | Plan) -> Report[Any]:
+        """The verifier's report on what was found; convexity proves the way between the frames of a plan."""
+        if isinstance(found, Plan):
+            return check_plan(found, tolerance=self.tolerance, between=False)
+        assert isinstance(problem, PostureProblem) and isinstance(found, Posture)
+        return check_posture(problem, found, tolerance=self.tolerance)
+
+
+def _given(problem: PostureProblem | Course) -> str:
+    """What a proof of a posture problem is over, where its robot may reach further."""
+    return GIVEN.format(problem.robot) if isinstance(problem, PostureProblem) and problem.robot else ""
 
 
 def plan_of(

@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ..answer.outcome import Certificate, Outcome, Posture, Status
+from ..answer.answer import Answer, Effort, Status
+from ..answer.certificate import Certificate
+from ..answer.posture import Posture
 from ..equilibrium.batch import ScaledBatch
 from ..problem import PostureBatch
 from ..relaxation.lift import LiftAnswer, solve_lift
@@ -28,11 +30,11 @@ from .witness import Iteration
 class Decided:
     """Every problem's outcome. relaxed: canonical points of P̄ that were found on the way, by the problem's index."""
 
-    outcomes: list[Outcome]
+    outcomes: list[Answer[Posture]]
     relaxed: dict[int, Posture]
 
 
-def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Outcome]:
+def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Answer[Posture]]:
     """``decide_all`` without what was found on the way."""
     return decide_all(planner, batch).outcomes
 
@@ -64,7 +66,7 @@ class _Batch:
         self._iteration = Iteration(self._scaled)
         self._lifts: dict[int, LiftAnswer] = {}
         self._seconds = np.zeros(len(batch))
-        self.answers: dict[int, Outcome] = {}
+        self.answers: dict[int, Answer[Posture]] = {}
         self.relaxed: dict[int, Posture] = {}
         self._proved: dict[int, tuple[Certificate, float]] = {}  # infeasible, but perhaps trivially
 
@@ -115,11 +117,12 @@ class _Batch:
         found = dict[int, Posture]()
         for k in self._left().tolist():
             answer = self._planner.solve(self._problems[k], root=self._lifts[k])
-            self.answers[k] = replace(answer, seconds=answer.seconds + float(self._seconds[k]))
-            if answer.posture is not None:
-                found[k] = answer.posture
+            effort = answer.effort
+            self.answers[k] = replace(answer, effort=replace(effort, seconds=effort.seconds + float(self._seconds[k])))
+            if answer.solution is not None:
+                found[k] = answer.solution
         for k, (posture, off) in with_toes(self._batch, found, tolerance=self._accept.tolerance).items():
-            self.answers[k] = replace(self.answers[k], posture=posture, residual=off)
+            self.answers[k] = replace(self.answers[k], solution=posture, report=None, residual=off)
 
     def relax(self, points: bool) -> None:
         """Answer what a proposed proof refutes: trivial or not, a point of P̄ says, or else the lift."""
@@ -140,11 +143,13 @@ class _Batch:
             self._refuted(k, *proofs[k], trivial=False)
 
     def _feasible(self, k: int, posture: Posture, off: float) -> None:
-        self.answers[k] = Outcome(status=Status.FEASIBLE, posture=posture, residual=off, **self._told(k, nodes=0.0))
+        self.answers[k] = Answer(
+            status=Status.FEASIBLE, solution=posture, bound=0.0, residual=off, **self._told(k, nodes=0.0)
+        )
 
     def _refuted(self, k: int, certificate: Certificate, bound: float, *, trivial: bool) -> None:
         message = self._told(k, nodes=1.0, trivial=trivial)
-        self.answers[k] = Outcome(status=Status.INFEASIBLE, certificate=certificate, lower_bound=bound, **message)
+        self.answers[k] = Answer(status=Status.INFEASIBLE, certificate=certificate, bound=bound, **message)
 
     def _left(self) -> Index:
         left = (k for k in range(len(self._batch)) if k not in self.answers and k not in self._proved)
@@ -153,8 +158,8 @@ class _Batch:
     def _told(self, k: int, *, nodes: float, trivial: bool = False) -> dict[str, Any]:
         """What is said of every answer before the search."""
         details = {"nodes": nodes, "trivial": float(trivial)}
-        solves, seconds = int(k in self._lifts), float(self._seconds[k])
-        return {"method": self._planner.name, "solves": solves, "seconds": seconds, "details": details}
+        effort = Effort(solves=int(k in self._lifts), seconds=float(self._seconds[k]))
+        return {"method": self._planner.name, "effort": effort, "details": details}
 
     def _took(self, begin: float, chosen: Index) -> None:
         """Share out the time since ``begin`` among those that it was spent on."""

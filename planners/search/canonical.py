@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.outcome import Posture
+from ..answer.posture import Posture
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..equilibrium.programs import Programs
 from ..problem import PostureBatch

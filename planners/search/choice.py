@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..answer.outcome import Certificate
+from ..answer.certificate import Certificate
 from ..equilibrium.conic_solution import ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs

@@ -19,7 +19,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..answer.outcome import Certificate, Status
+from ..answer.answer import Status
+from ..answer.certificate import Certificate
 from ..cached import cached_property
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..answer.outcome import Certificate
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.answer import Answer
+from ..answer.certificate import Certificate
+from ..answer.plan import Plan
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers
@@ -76,14 +77,14 @@ class DecoupledPlanner:
         self.acceptance = acceptance
         self.programs = programs or Programs()
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Plan one course."""
         clock, scaled = Clock.start(), Scaled.of(course)
         details: dict[str, float] = {}
         solution, choice, point = self._place(scaled, clock)
         if solution.status is ConicStatus.INFEASIBLE:
             proof = Certificate(tree=np.array([LEAF]), multipliers=multipliers(scaled.layout, solution)[None])
-            return self.acceptance.plan_outcome(course, Claim(certificate=proof), method=self.name, clock=clock)
+            return self.acceptance.answer(course, Claim(certificate=proof), method=self.name, clock=clock)
         bound = solution.bound * course.length_scale_m**2 if solution.solved else float("nan")
         chosen = scaled.chosen(choice)
         if scaled.options > 1 and solution.solved:
@@ -100,7 +101,7 @@ class DecoupledPlanner:
         if point.residual <= 0.5 * self.acceptance.tolerance:
             plan, message = plan_of(course, scaled, choice, point, provenance={"planner": self.name}), ""
         claim = Claim(found=plan, message=message, details=details)
-        return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock, bound=bound)
+        return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
 
     def _place(self, scaled: Scaled, clock: Clock) -> tuple[ConicSolution, Index, Point]:
         found = self.programs.get(Positions, scaled.layout).solve(scaled)

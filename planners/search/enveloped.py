@@ -15,8 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..answer.outcome import Status
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.answer import Answer, Status
+from ..answer.plan import Plan
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
@@ -72,7 +72,7 @@ class EnvelopeCoursePlanner(TimeLimited):
         self.max_nodes, self.max_solves, self.time_limit_s = max_nodes, max_solves, time_limit_s
         self.programs = programs or Programs()
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Plan one course. Raises InvalidInput that names the stance that the envelopes were not learned for."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         learned = self.envelopes.boxes if isinstance(self.envelopes, Modes) else self.envelopes
@@ -103,7 +103,7 @@ class EnvelopeCoursePlanner(TimeLimited):
             message = message or "P1 has no answer for any choice of boxes; over learned ones that is no proof"
         word = "infeasible" if plan is None and search.solved_none else ""
         claim = Claim(found=plan, word=word, message=message, details=details)
-        return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock)
+        return self.acceptance.answer(course, claim, method=self.name, clock=clock)
 
     def margin(self, scaled: Scaled, box: Envelope, clock: Clock | None = None) -> RelaxationAnswer:
         """The signed margin of P1 over one box a contact, all open candidates allowed."""

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..answer.outcome import Outcome, Status
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.answer import Answer, Status
+from ..answer.plan import Plan
+from ..answer.posture import Posture
 from ..equilibrium.conic_solution import ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
@@ -67,7 +68,7 @@ class ExactPlanner:
         self.programs = programs or Programs()
         self.proposers = proposers
 
-    def solve(self, problem: PostureProblem, *, root: LiftAnswer | None = None) -> Outcome:
+    def solve(self, problem: PostureProblem, *, root: LiftAnswer | None = None) -> Answer[Posture]:
         """Decide whether a posture problem has an answer (paper E's P, exactly).
 
         root: the lift of the problem with the least moment, where it is solved already.
@@ -76,16 +77,16 @@ class ExactPlanner:
         ``acceptance.gap``, both checked by the verifier; or UNDECIDED with the reason. details: nodes of the tree, and
         trivial, 1.0 where not even P̄ has an answer. The verdict depends on the problem alone.
         """
-        begin = time.perf_counter()
-        scaled = Scaled.of(problem)
+        clock, scaled = Clock.start(), Scaled.of(problem)
         search = self.search(scaled, root=root)
+        clock.count(search.solves, 0.0)
         claim = Claim(
             found=None if search.found is None else scaled.posture(search.found[1]),
             certificate=search.certificate(),
             message=search.stopped,
             details={"nodes": float(search.nodes), "trivial": float(search.trivial)},
         )
-        return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=search.solves)
+        return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def search(self, scaled: Scaled, *, root: LiftAnswer | None = None, wanted: Status | None = None) -> CutSearch:
         """The search that ``solve`` has the claim of verified, when it has run.
@@ -127,7 +128,7 @@ class ExactCoursePlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", least=0.0)
         self.programs = programs or Programs()
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it without a proof."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         choices = TwoStageCoursePlanner(
@@ -154,7 +155,7 @@ class ExactCoursePlanner(TimeLimited):
             word = "" if stopped else "optimal"
         bound = float("nan") if word == "infeasible" else lower * course.length_scale_m**2
         claim = Claim(found=plan, certificate=proof, word=word, message=stopped, details=details)
-        return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock, bound=bound)
+        return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
 
 
 @dataclass(kw_only=True, eq=False)

@@ -14,9 +14,8 @@ from copy import copy
 from dataclasses import replace
 from functools import cache
 
-from ..answer.outcome import Status
+from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
-from ..answer.plan_outcome import PlanOutcome
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES, pressing, steady
 from ..terrain.patch import Patch
@@ -54,7 +53,7 @@ def plan_with_reserve(
     presses: Sequence[float] = PRESSES,
     *,
     deadline: float = math.inf,
-) -> PlanOutcome:
+) -> Answer[Plan]:
     """The answer for the most cautious share that has a plan; the plan is one of the course itself.
 
     Where that plan balances on an edge, one in which every foot that carries presses with such a share of the weight is
@@ -69,7 +68,7 @@ def plan_with_reserve(
     if len(shares) > 1:
         deadline = min(deadline, begin + getattr(planner, "time_limit_s", math.inf))
     cautious = begin + CAUTION * (deadline - begin)
-    outcome: PlanOutcome | None = None
+    outcome: Answer[Plan] | None = None
     for share in shares:
         limited = in_time(planner, deadline if share == shares[-1] else cautious)
         if limited is None:
@@ -78,18 +77,18 @@ def plan_with_reserve(
         outcome = limited.solve(dulled)
         LOG.info(
             "plan: contacts with %.0f %% of the friction: %s after %d solves, %.2f s",
-            *(100.0 * share, outcome.status, outcome.solves, outcome.seconds),
+            *(100.0 * share, outcome.status, outcome.effort.solves, outcome.effort.seconds),
         )
-        if outcome.plan is not None:
+        if outcome.solution is not None:
             outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
-            assert outcome.plan is not None
-            provenance = {**outcome.plan.provenance, **({"friction_share": share} if len(shares) > 1 else {})}
+            assert outcome.solution is not None
+            provenance = {**outcome.solution.provenance, **({"friction_share": share} if len(shares) > 1 else {})}
             if press > 0.0:
                 provenance["press_share"] = press
-            plan: Plan = replace(outcome.plan, course=course, provenance=provenance)
+            plan: Plan = replace(outcome.solution, course=course, provenance=provenance)
             exact = share >= 1.0 and press == 0.0  # a bound of another course bounds nothing here
-            return replace(outcome, plan=plan, problem=course, bound=outcome.bound if exact else float("nan"))
-    return outcome or PlanOutcome(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)
+            return replace(outcome, solution=plan, problem=course, bound=outcome.bound if exact else float("nan"))
+    return outcome or Answer(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)
 
 
 def in_time(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
@@ -106,12 +105,12 @@ def in_time(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
 
 
 def _firmer(
-    planner: CoursePlanner, course: Course, outcome: PlanOutcome, presses: Sequence[float], deadline: float
-) -> tuple[PlanOutcome, float]:
+    planner: CoursePlanner, course: Course, outcome: Answer[Plan], presses: Sequence[float], deadline: float
+) -> tuple[Answer[Plan], float]:
     """The same, or where its plan balances on an edge one that does not, and with how much of the weight its feet
     press at least: 0 for no such demand."""
-    assert outcome.plan is not None
-    if not presses or steady(outcome.plan, min(presses)):
+    assert outcome.solution is not None
+    if not presses or steady(outcome.solution, min(presses)):
         return outcome, 0.0
     if isinstance(planner, TwoStageCoursePlanner):
         planner = copy(planner)
@@ -121,6 +120,6 @@ def _firmer(
         if limited is None:
             break
         firmer = limited.solve(pressing(course, press))
-        if firmer.plan is not None:
+        if firmer.solution is not None:
             return firmer, press
     return outcome, 0.0

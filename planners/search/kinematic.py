@@ -24,8 +24,8 @@ from typing import Literal, get_args
 import cvxpy as cp
 import numpy as np
 
+from ..answer.answer import Answer
 from ..answer.plan import Plan
-from ..answer.plan_outcome import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
@@ -92,7 +92,7 @@ class KinematicPlanner:
             return None, f"no positions on any of the {tried} combinations of surfaces that were tried"
         return None, model.status
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Plan one course; details: ``placed``, ``cpu_s`` of it, ``tried``; ``worst`` violation as planned, ``freed``.
 
         claim: "feasible" where it has a plan of its own; message: what the verifier says of that with the forces that
@@ -104,7 +104,7 @@ class KinematicPlanner:
         if placed is None:
             word = "infeasible" if message == "infeasible" and self.choice == "mip" else "unknown"
             claim = Claim[Plan](word=word, message=f"kinematics: {message}", details=details)
-            return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock)
+            return self.acceptance.answer(course, claim, method=self.name, clock=clock)
         details["tried"] = float(placed.tried)
         plan, as_planned, said = None, False, "there is no body in the plan"
         if placed.com_m is not None:
@@ -116,7 +116,7 @@ class KinematicPlanner:
             plan = self._with_forces(course, placed, hold_body=False)
             details["freed"] = float(check_plan(plan).accepted)
         claim = Claim(found=plan, word="feasible", message=said, details=details)
-        return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock)
+        return self.acceptance.answer(course, claim, method=self.name, clock=clock)
 
     def _choices(self, model: _Model, clock: Clock) -> Iterator[Index]:
         if self.choice == "l1":

@@ -14,9 +14,9 @@ from typing import Any, overload
 
 import numpy as np
 
-from ..answer.outcome import Outcome
+from ..answer.answer import Answer
 from ..answer.plan import Plan
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.posture import Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput
@@ -73,12 +73,12 @@ class MicpPlanner(TimeLimited):
         self.acceptance, self._programs = acceptance, programs or Programs()
 
     @overload
-    def solve(self, problem: PostureProblem) -> Outcome: ...
+    def solve(self, problem: PostureProblem) -> Answer[Posture]: ...
 
     @overload
-    def solve(self, problem: Course) -> PlanOutcome: ...
+    def solve(self, problem: Course) -> Answer[Plan]: ...
 
-    def solve(self, problem: PostureProblem | Course) -> Outcome | PlanOutcome:
+    def solve(self, problem: PostureProblem | Course) -> Answer[Posture] | Answer[Plan]:
         """Ask the solver, then project and verify what it found. Raises InvalidInput for an envelope of other limbs."""
         clock, scaled = Clock.start(), Scaled.of(problem)
         with clock.compiling():
@@ -103,12 +103,12 @@ class MicpPlanner(TimeLimited):
         said: dict[str, Any] = {"word": answer.claim, "message": message, "details": details}
         if isinstance(problem, PostureProblem):
             claim = Claim(found=None if point is None else scaled.posture(point), **said)
-            return self.acceptance.outcome(problem, claim, method=self.name, begin=clock.begin, solves=clock.solves)
+            return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         plan: Plan | None = None
         if point is not None and answer.choice is not None:
             made = {"planner": self.name, "solver": self.solver, "projection": self.projection}
             plan = plan_of(problem, scaled, answer.choice, point, provenance=made)
-        return self.acceptance.plan_outcome(problem, Claim(found=plan, **said), method=self.name, clock=clock)
+        return self.acceptance.answer(problem, Claim(found=plan, **said), method=self.name, clock=clock)
 
     def program(self, problem: PostureProblem | Course) -> MicpProgram:
         """The program of a problem; postures of one layout share one, which then has the numbers of this one."""

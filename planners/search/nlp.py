@@ -6,8 +6,9 @@ from typing import Any, Literal, get_args, overload
 
 import numpy as np
 
-from ..answer.outcome import Outcome
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.answer import Answer
+from ..answer.plan import Plan
+from ..answer.posture import Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import checked, checked_choice, checked_int
@@ -54,12 +55,12 @@ class NlpPlanner(TimeLimited):
         self.acceptance, self._programs = acceptance, programs or Programs()
 
     @overload
-    def solve(self, problem: PostureProblem) -> Outcome: ...
+    def solve(self, problem: PostureProblem) -> Answer[Posture]: ...
 
     @overload
-    def solve(self, problem: Course) -> PlanOutcome: ...
+    def solve(self, problem: Course) -> Answer[Plan]: ...
 
-    def solve(self, problem: PostureProblem | Course) -> Outcome | PlanOutcome:
+    def solve(self, problem: PostureProblem | Course) -> Answer[Posture] | Answer[Plan]:
         """Try the starts in order until one ends on the bilinear surface."""
         clock, scaled = Clock.start(), Scaled.of(problem)
         choice = nearest(scaled)
@@ -83,10 +84,10 @@ class NlpPlanner(TimeLimited):
         said: dict[str, Any] = {"word": word, "message": message, "details": {"starts": float(tried)}}
         if isinstance(problem, PostureProblem):
             claim = Claim(found=None if best is None else scaled.posture(best), **said)
-            return self.acceptance.outcome(problem, claim, method=self.name, begin=clock.begin, solves=tried)
+            return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         made = {"planner": self.name, "start": self.start}
         plan = None if best is None else plan_of(problem, scaled, choice, best, provenance=made)
-        return self.acceptance.plan_outcome(problem, Claim(found=plan, **said), method=self.name, clock=clock)
+        return self.acceptance.answer(problem, Claim(found=plan, **said), method=self.name, clock=clock)
 
     def _starting(self, chosen: Scaled, count: int) -> list[Point]:
         starts = starting_points(chosen, count, seed=self.seed)

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..answer.outcome import Status
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.answer import Answer, Status
+from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course
@@ -44,7 +44,7 @@ def plan_course(
     limits: WholeBodyLimits | None = WholeBodyLimits(),
     start_rad: Array | None = None,
     deadline: float = math.inf,
-) -> PlanOutcome:
+) -> Answer[Plan]:
     """Answer a course: a plan that was judged, a proof that there is none, or what is known when the time ends.
 
     question: the course, or a function that lays it out; a function may choose other candidates for a proof, which is
@@ -71,7 +71,7 @@ def plan_course(
     outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
     if outcome.certificate is not None and course.robot.model is not None and outcome.sets != "outer":
         outcome = _refuted(outcome, question, planner, shares[-1], deadline)
-    if limits is None or outcome.plan is None:
+    if limits is None or outcome.solution is None:
         return outcome
     from .whole_body_outcome import with_whole_body  # slow to import
 
@@ -79,8 +79,8 @@ def plan_course(
 
 
 def _refuted(
-    inner: PlanOutcome, question: Course | LayOut, planner: CoursePlanner, share: float, deadline: float
-) -> PlanOutcome:
+    inner: Answer[Plan], question: Course | LayOut, planner: CoursePlanner, share: float, deadline: float
+) -> Answer[Plan]:
     """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
     from ..robot.contact_robot import with_sets  # measures legs, which is slow to import
 
@@ -96,6 +96,6 @@ def _refuted(
     return _undecided(inner, NO_TIME if found is None else UNPROVED)
 
 
-def _undecided(inner: PlanOutcome, message: str) -> PlanOutcome:
+def _undecided(inner: Answer[Plan], message: str) -> Answer[Plan]:
     """The outcome without the certificate, which is one over inner sets."""
     return replace(inner, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim="")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
-from ..answer.outcome import Certificate, Outcome, Posture
+from ..answer.answer import Answer
+from ..answer.certificate import Certificate
+from ..answer.posture import Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..problem import PostureProblem
@@ -16,6 +16,7 @@ from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
 from ..relaxation.relaxed import RelaxationAnswer
 from ..relaxation.table import RELAXATIONS
 from .answer import Acceptance, Claim
+from .clock import Clock
 from .cuts import LEAF
 
 
@@ -49,28 +50,29 @@ class TwoStagePlanner:
         )
         self._programs = programs or Programs()
 
-    def solve(self, problem: PostureProblem) -> Outcome:
+    def solve(self, problem: PostureProblem) -> Answer[Posture]:
         """Relax, project, verify. Raises InvalidInput where the envelopes were learned for another class."""
-        begin = time.perf_counter()
+        clock = Clock.start()
         if self.envelopes is not None:
             self.envelopes.check_fits(problem)
         scaled = Scaled.of(problem)
         lift = solve_lift(self._programs, scaled, least_moment=True) if self.envelopes is None else None
         answer = self._relax(scaled) if lift is None else as_relaxation(lift)
+        clock.count(answer.solves, 0.0)
         if not answer.known:
             claim = Claim[Posture](message="the relaxation was not solved")
-            return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=answer.solves)
+            return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         details = {"margin": answer.margin, "gap": answer.gap, "chosen": float(answer.chosen)}
         if not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap) or answer.point is None:
-            return self._refuse(problem, scaled, begin, lift, answer.solves, details)
-        point, solves = answer.point, answer.solves
+            return self._refuse(problem, scaled, clock, lift, details)
+        point = answer.point
         if self.projection:
             point = project(self._programs, self.projection, scaled, answer.point)
-            solves += point.solves
+            clock.count(point.solves, 0.0)
         posture = None if self.projection and np.isinf(point.residual) else _posture(scaled, point)
         message = "" if posture is not None else f"{self.projection} found no answer from P1's point"
         claim = Claim(found=posture, word="feasible", message=message, details=details)
-        return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=solves)
+        return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def _relax(self, scaled: Scaled) -> RelaxationAnswer:
         assert self.envelopes is not None
@@ -80,19 +82,19 @@ class TwoStagePlanner:
         self,
         problem: PostureProblem,
         scaled: Scaled,
-        begin: float,
+        clock: Clock,
         lift: LiftAnswer | None,
-        solves: int,
         details: dict[str, float],
-    ) -> Outcome:
+    ) -> Answer[Posture]:
         """The relaxation is infeasible. Where that holds whatever the box, the lift's certificate says so."""
         if lift is None and np.isinf(details["margin"]):
-            lift, solves = solve_lift(self._programs, scaled, least_moment=True), solves + 1
+            lift = solve_lift(self._programs, scaled, least_moment=True)
+            clock.count(1, 0.0)
         proof = lift is not None and lift.solved and lift.bound > self.acceptance.gap
         certificate = Certificate(tree=np.array([LEAF]), multipliers=lift.multipliers[None]) if lift and proof else None
         message = "" if certificate else "the relaxation is infeasible; over a learned box that is no proof"
         claim = Claim[Posture](certificate=certificate, word="infeasible", message=message, details=details)
-        return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=solves)
+        return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
 
 def _posture(scaled: Scaled, point: Point) -> Posture | None:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..answer.outcome import Certificate
+from ..answer.certificate import Certificate
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..files.arrays import Array
 from ..problem import PostureBatch, PostureProblem

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.answer import Answer
+from ..answer.plan import Plan
 from ..problem.course import Course
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import CoursePlanner
@@ -25,7 +26,7 @@ def replan(
     presses: Sequence[float] = (),
     limits: WholeBodyLimits | None = None,
     deadline: float = math.inf,
-) -> PlanOutcome:
+) -> Answer[Plan]:
     """Plan key frames ``frame`` to ``frame + horizon`` of a course from where the robot stands.
 
     state: pose and toes at ``frame``, whose toes stay, and joints, where they are known; None at the beginning, where

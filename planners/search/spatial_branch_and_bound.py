@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..answer.outcome import Posture, Status
+from ..answer.answer import Status
+from ..answer.posture import Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
@@ -23,6 +24,7 @@ from ..relaxation.domain import domain_of, toe_ranges
 from ..relaxation.envelope import Envelope
 from ..relaxation.mccormick import McCormick
 from .answer import Acceptance, Claim
+from .clock import Clock
 
 REFUTED_MARGIN = 1e-6
 """A box is refuted where P1's margin exceeds this: a hundred times the solver's tolerance."""
@@ -132,8 +134,8 @@ class BoxSearch:
         if not point.residual <= self._acceptance.tolerance:
             return None
         posture = self._scaled.posture(point)
-        outcome = self._acceptance.outcome(self._problem, Claim(found=posture), method=self._projection, begin=0.0)
-        return outcome.posture
+        outcome = self._acceptance.answer(self._problem, Claim(found=posture), method=self._projection, clock=Clock.start())
+        return outcome.solution
 
 
 def propagate(scaled: Scaled, box: Envelope) -> Envelope | None:

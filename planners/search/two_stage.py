@@ -13,8 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..answer.outcome import Certificate
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.answer import Answer
+from ..answer.certificate import Certificate
+from ..answer.plan import Plan
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
@@ -68,7 +69,7 @@ class TwoStageCoursePlanner(TimeLimited):
         self.steps = steps
         self.programs = programs or Programs()
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of the whole search."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         search = self.search(scaled, clock)
@@ -85,7 +86,7 @@ class TwoStageCoursePlanner(TimeLimited):
             made = {"planner": self.name, "projection": self.projection, "p1": "lift"}
             plan = plan_of(course, scaled, *found, provenance=made)
         claim, bound = Claim(found=plan, certificate=proof, message=message, details=details), search.bound
-        return self.acceptance.plan_outcome(
+        return self.acceptance.answer(
             course, claim, method=self.name, clock=clock, bound=bound * course.length_scale_m**2
         )
 

@@ -8,14 +8,14 @@ trusts one less than that has `stancekit verify` judge what was written.
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..answer.outcome import Certificate, Outcome, Posture, Status
+from ..answer.answer import Answer, Status
+from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..answer.plan_outcome import PlanOutcome
+from ..answer.posture import Posture
 from ..errors import InvalidInput
 from ..files.validation import shown
 from ..plugins import foreign
@@ -27,7 +27,8 @@ from .clock import Clock
 if TYPE_CHECKING:
     from ..relaxation.envelope import EnvelopeSet
 
-Evidence = TypeVar("Evidence", Posture, Certificate, Plan)
+Evidence = TypeVar("Evidence", Posture, Plan)
+Taken = TypeVar("Taken", Posture, Plan, Certificate)
 NUMBERS = {
     Posture: ("com_m", "rotation_rad", "toes_m", "forces_n", "points_m", "point_forces_n"),
     Certificate: ("tree", "multipliers"),
@@ -37,9 +38,9 @@ NUMBERS = {
 
 
 class VerifiedPlanner:
-    """A planner of postures from elsewhere; its ``solve`` gives an ``Outcome``, or a posture or certificate alone.
+    """A planner of postures from elsewhere; its ``solve`` gives an ``Answer``, or a posture or certificate alone.
 
-    None, and an outcome without evidence, is undecided, whatever it claims. envelopes: that it was made with.
+    None, and an answer without evidence, is undecided, whatever it claims. envelopes: that it was made with.
     """
 
     def __init__(
@@ -48,19 +49,19 @@ class VerifiedPlanner:
         self._planner, self.name, self._acceptance = _solving(planner, f"method {name}"), name, acceptance
         self._envelopes = envelopes
 
-    def solve(self, problem: PostureProblem) -> Outcome:
+    def solve(self, problem: PostureProblem) -> Answer[Posture]:
         """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that
         raises, and envelopes that were learned for other problems."""
         if self._envelopes is not None:
             self._envelopes.check_fits(problem)
-        begin, where = time.perf_counter(), f"method {self.name}"
-        posture, certificate, rest = _asked(self._planner, problem, where, Outcome, Posture)
-        solves, claim = rest.pop("solves", 0), Claim(found=posture, certificate=certificate, **rest)
-        return self._acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=solves)
+        clock = Clock.start()
+        claim, solves = _asked(self._planner, problem, f"method {self.name}", Posture)
+        clock.count(solves, 0.0)
+        return self._acceptance.answer(problem, claim, method=self.name, clock=clock)
 
 
 class VerifiedCoursePlanner:
-    """A planner of courses from elsewhere; its ``solve`` gives a ``PlanOutcome``, or a plan or certificate alone.
+    """A planner of courses from elsewhere; its ``solve`` gives an ``Answer``, or a plan or certificate alone.
 
     A plan is taken for one of the course that was asked for; bounds on its objective come without proof, and are left.
     remake: a function that makes the planner anew with another time limit [s]; None where there is no such function.
@@ -80,36 +81,36 @@ class VerifiedCoursePlanner:
             planner = self._planner.with_limit(limit_s) if self._remake is None else self._remake(limit_s)
         return VerifiedCoursePlanner(planner, self.name, self._acceptance, self._remake)
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """As ``VerifiedPlanner.solve``."""
-        clock, where = Clock.start(), f"planner {self.name}"
-        plan, certificate, rest = _asked(self._planner, course, where, PlanOutcome, Plan, course=course)
-        claim = Claim(found=plan, certificate=certificate, **rest)
-        return self._acceptance.plan_outcome(course, claim, method=self.name, clock=clock)
+        clock = Clock.start()
+        claim, solves = _asked(self._planner, course, f"planner {self.name}", Plan, course=course)
+        clock.count(solves, 0.0)
+        return self._acceptance.answer(course, claim, method=self.name, clock=clock)
 
 
 def _asked(
-    planner: Any, subject: Any, where: str, whole: type[Outcome | PlanOutcome], kind: type[Evidence], **given: Any
-) -> tuple[Evidence | None, Certificate | None, dict[str, Any]]:
-    """What a planner answers: evidence of a kind, a certificate, and what an outcome says of itself.
+    planner: Any, subject: Any, where: str, kind: type[Evidence], **given: Any
+) -> tuple[Claim[Evidence], int]:
+    """What a planner claims, and how many solves it says that it took.
 
-    whole: the kind of outcome that holds them. given: what the evidence is made with. Raises InvalidInput.
+    kind: of the evidence. given: what the evidence is made with. Raises InvalidInput.
     """
     with foreign(where):
-        found, rest = planner.solve(deepcopy(subject)), dict[str, Any]()
-        if found is not None and not isinstance(found, whole | kind | Certificate):
-            names = f"{'an' if whole is Outcome else 'a'} {whole.__name__}, a {kind.__name__}, a Certificate or None"
+        found, rest, solves = planner.solve(deepcopy(subject)), dict[str, Any](), 0
+        if found is not None and not isinstance(found, Answer | kind | Certificate):
+            names = f"an Answer, a {kind.__name__}, a Certificate or None"
             raise InvalidInput(f"{where}: expected {names}, got {_a(found)}")
         evidence: Any
         certificate: Any
         evidence, certificate = (None, found) if isinstance(found, Certificate) else (found, None)
-        if isinstance(found, Outcome):
-            evidence, certificate = found.posture, found.certificate
-            rest = {**_told(found, where), "solves": int(found.solves)}
+        if isinstance(found, Answer):
+            evidence, certificate, solves = found.solution, found.certificate, int(found.effort.solves)
+            rest["word"] = _text(found.claim, where) or Status(found.status).value
+            rest["message"] = _text(found.message, where)
             rest["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
-        elif isinstance(found, PlanOutcome):
-            evidence, certificate, rest = found.plan, found.certificate, _told(found, where)
-        return _taken(kind, evidence, where, **given), _taken(Certificate, certificate, where), rest
+        taken = _taken(kind, evidence, where, **given)
+        return Claim(found=taken, certificate=_taken(Certificate, certificate, where), **rest), solves
 
 
 def _solving(planner: Any, where: str) -> Any:
@@ -119,7 +120,7 @@ def _solving(planner: Any, where: str) -> Any:
     return planner
 
 
-def _taken(kind: type[Evidence], found: Any, where: str, **given: Any) -> Evidence | None:
+def _taken(kind: type[Taken], found: Any, where: str, **given: Any) -> Taken | None:
     """The numbers of evidence, in an object of our own; None where there is none. Raises InvalidInput, ValueError."""
     if found is None:
         return None
@@ -128,12 +129,6 @@ def _taken(kind: type[Evidence], found: Any, where: str, **given: Any) -> Eviden
     if isinstance(found, Plan):
         given["provenance"] = {"planner": where.partition(" ")[2], "said": _plain(dict(found.provenance))}
     return kind(**{name: getattr(found, name) for name in NUMBERS[kind]}, **given)
-
-
-def _told(found: Outcome | PlanOutcome, where: str) -> dict[str, str]:
-    """What an outcome says of itself, as text. Raises InvalidInput, ValueError."""
-    word = _text(found.claim, where) or Status(found.status).value
-    return {"word": word, "message": _text(found.message, where)}
 
 
 def _text(value: Any, where: str) -> str:

@@ -6,9 +6,8 @@ import logging
 import math
 from dataclasses import replace
 
-from ..answer.outcome import Status
+from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
-from ..answer.plan_outcome import PlanOutcome
 from ..answer.report import LATE
 from ..errors import InvalidInput, TimeEnded, check_time
 from ..files.arrays import Array
@@ -22,12 +21,12 @@ LOG = logging.getLogger(__name__)
 
 
 def with_whole_body(
-    outcome: PlanOutcome,
+    outcome: Answer[Plan],
     limits: WholeBodyLimits = WholeBodyLimits(),
     start_rad: Array | None = None,
     *,
     deadline: float = math.inf,
-) -> PlanOutcome:
+) -> Answer[Plan]:
     """The outcome with joint angles in its plan, with torques within the limits where such a plan is found, and with
     the verifier's report on all of it.
 
@@ -38,9 +37,9 @@ def with_whole_body(
     no joints, where no torque is asked for, for a robot without a file whose legs are not known, or without pinocchio.
     Raises InvalidInput where these are needed.
     """
-    if outcome.plan is None:
+    if outcome.solution is None:
         return outcome
-    plan, details, course, bent = outcome.plan, dict(outcome.details), outcome.plan.course, True
+    plan, details, course, bent = outcome.solution, dict(outcome.details), outcome.solution.course, True
     report: Report[Plan] | None = None
     try:
         check_time(deadline)
@@ -60,7 +59,7 @@ def with_whole_body(
         outcome,
         status=Status.UNDECIDED if undecided else outcome.status,
         message=_reason(report, bent=bent) if undecided else outcome.message,
-        plan=plan,
+        solution=plan,
         objective=objective_of(plan),
         residual=report.worst,
         details=details,

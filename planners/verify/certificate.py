@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..answer.outcome import Certificate
+from ..answer.certificate import Certificate
 from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..answer.outcome import Posture
 from ..answer.plan import Plan
+from ..answer.posture import Posture
 from ..answer.report import OPTIONAL, plan_shapes
 from ..files.arrays import LARGEST
 from ..problem import PostureProblem

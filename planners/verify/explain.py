@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.outcome import Certificate
+from ..answer.certificate import Certificate
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
+from ..problem.leap import Leap
 from ..problem.limits import LINEAR
 from .certificate import GAP, check_certificate, forest_of
 from .geometry import length
@@ -74,14 +75,19 @@ class Explanation:
 
 
 def explain(
-    subject: PostureProblem | Course, certificate: Certificate, *, tolerance: float | None = None
+    subject: PostureProblem | Course | Leap, certificate: Certificate, *, tolerance: float | None = None
 ) -> Explanation:
     """How far each single parameter must change before a certificate fails: the parameters of a posture problem, the
-    cheapest growth first, or those of a course's weakest leaf, the one that changes least first.
+    cheapest growth first, those of a course's weakest leaf, the one that changes least first, or friction and reach of
+    a leap.
 
-    tolerance: as for ``check_certificate``. A certificate that is not accepted explains nothing: no relaxations, and
-    the message says why.
+    tolerance: as for ``check_certificate``; a leap has none. A certificate that is not accepted explains nothing: no
+    relaxations, and the message says why.
     """
+    if isinstance(subject, Leap):
+        from .leap_proof import explain_leap  # of leaps alone
+
+        return explain_leap(subject, certificate)
     report = check_certificate(subject, certificate, tolerance=tolerance)
     if not report.accepted:
         return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..answer.outcome import Certificate
+from ..answer.certificate import Certificate
 from ..answer.report import Report
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2

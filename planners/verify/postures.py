@@ -11,8 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..answer.outcome import Posture
 from ..answer.plan import Plan
+from ..answer.posture import Posture
 from ..answer.report import GROUPS, PLAN_GROUPS, WHOLE_BODY, Group, Report
 from ..files.arrays import Array
 from ..problem import PostureProblem

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.outcome import Posture
+from ..answer.posture import Posture
 from ..answer.report import GROUPS
 from ..files.arrays import Array, cached_arrays, locked
 from ..problem import Contact, PostureProblem

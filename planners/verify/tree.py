@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..answer.outcome import Certificate
+from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import PostureProblem

@@ -13,7 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -99,7 +100,7 @@ class SelectorPlanner:
         """Raise InvalidInput for a course without a stance by legs and on patches that were learned for."""
         check_fits_one(course, self._learned)
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Answer one course."""
         return within_chosen(self._selector, self._learned, course, self._programs).solve(course)
 
@@ -216,15 +217,15 @@ class EnvelopeOrLift:
         self.within, self.lift = within, lift
         self.within_last: bool | None = None
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         """Answer one course."""
         try:
             outcome = None if self.within is None else self.within.solve(course)
         except InvalidInput:
             outcome = None
-        if outcome is not None and outcome.plan is not None:
+        if outcome is not None and outcome.solution is not None:
             self.within_last = True
             return outcome
         outcome = self.lift.solve(course)
-        self.within_last = None if outcome.plan is None else False
+        self.within_last = None if outcome.solution is None else False
         return outcome

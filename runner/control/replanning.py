@@ -15,8 +15,8 @@ from functools import partial
 
 import numpy as np
 
-from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
@@ -92,9 +92,9 @@ class Replanner:
                 if np.isinf(_counts(outcome)) or (slid and _counts(outcome) >= 1.0):
                     outcome = self._rather(outcome, other, what, answer)
         self.plan_s += time.perf_counter() - begin
-        if outcome.plan is None or np.isinf(_counts(outcome)):
+        if outcome.solution is None or np.isinf(_counts(outcome)):
             raise PlanningFailed(f"frame {frame}: {outcome.message or outcome.claim or outcome.status.value}")
-        accepted = Accepted.verified(outcome.plan, f"plan {self.plans + 1}")
+        accepted = Accepted.verified(outcome.solution, f"plan {self.plans + 1}")
         self.plans, self.planned_share, self.counted = self.plans + 1, share, share * _counts(outcome)
         if standing is not None:  # a log begins with its plan
             self._runner.decide("planned", f"counting on {self.counted:.2f} of the course's friction")
@@ -110,8 +110,8 @@ class Replanner:
         return share, shares
 
     def _rather(
-        self, outcome: PlanOutcome, course: Course, what: str, answer: Callable[[Course], PlanOutcome]
-    ) -> PlanOutcome:
+        self, outcome: Answer[Plan], course: Course, what: str, answer: Callable[[Course], Answer[Plan]]
+    ) -> Answer[Plan]:
         """That of another course, which takes this one's place, where it has a plan that counts on less friction."""
         other = answer(course)
         if _counts(other) >= _counts(outcome):
@@ -124,7 +124,7 @@ class Replanner:
     def _answer(
         self, course: Course, *, frame: int, share: float, standing: Standing | None, shares: tuple[float, ...],
         limits: WholeBodyLimits | None, horizon: int,
-    ) -> PlanOutcome:  # fmt: skip
+    ) -> Answer[Plan]:  # fmt: skip
         """What a policy's planner says of a course with this share of its friction."""
 
         def planner_of(window: Course) -> CoursePlanner:
@@ -148,8 +148,8 @@ def _easier(course: Course, frame: int) -> Iterator[tuple[str, Course]]:
         yield "no step after the last", replace(course, next_lift=())
 
 
-def _counts(outcome: PlanOutcome) -> float:
+def _counts(outcome: Answer[Plan]) -> float:
     """How much of its course's friction a plan counts on; inf where there is none that joints and bodies can do."""
-    if outcome.plan is None or outcome.status is Status.UNDECIDED:
+    if outcome.solution is None or outcome.status is Status.UNDECIDED:
         return np.inf
-    return float(outcome.plan.provenance.get("friction_share", 1.0))
+    return float(outcome.solution.provenance.get("friction_share", 1.0))

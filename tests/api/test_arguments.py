@@ -42,7 +42,7 @@ def fine() -> dict[str, dict[str, Any]]:
     problem = stancekit.sample("wall-3", rng=8)[0]
     certificate = stancekit.solve(problem).certificate
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").trajectory
+    walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
     return {
         "sample": {"problems": "wall-3"}, "solve": {"problem": problem}, "plan": {"course": "stairs"},
         "walk": {"terrain": "ripple", "goal_xy_m": (1.0, 0.0)}, "verify": {"subject": problem},
@@ -103,13 +103,13 @@ def test_a_plan_is_for_another_robot_where_one_is_named(tmp_path):
         stancekit.plan("walls", robot=tmp_path / "none.urdf")
     with pytest.raises(stancekit.InvalidInput, match=r"^robot: expected none with a course that is laid out, got hexa"):
         stancekit.plan(stancekit.sample("ground-3", rng=3)[0], robot="hexapod")
-    assert stancekit.plan("stairs", frames=2, robot="hexapod").plan is not None
+    assert stancekit.plan("stairs", frames=2, robot="hexapod").solution is not None
 
 
 def test_numbers_of_numpy_are_numbers():
     problem = stancekit.sample("wall-3", np.int64(1), rng=np.random.default_rng(0))[0]
-    assert stancekit.solve(problem, time_limit_s=np.float32(5.0)).posture is not None
-    assert stancekit.solve(problem, time_limit_s=5).posture is not None
+    assert stancekit.solve(problem, time_limit_s=np.float32(5.0)).solution is not None
+    assert stancekit.solve(problem, time_limit_s=5).solution is not None
 
 
 def test_the_annotations_of_every_verb_can_be_looked_up():
@@ -120,7 +120,7 @@ def test_the_annotations_of_every_verb_can_be_looked_up():
 
 def test_one_posture_problem_is_a_course_of_one_frame():
     problem = stancekit.sample("ground-3", rng=3)[0]
-    planned = stancekit.plan(problem).plan
+    planned = stancekit.plan(problem).solution
     assert planned is not None
     assert planned.com_m.shape == (1, 3)
     line = "frames: expected none with a course that is laid out, of 1, got 2"

@@ -89,7 +89,7 @@ def test_heights_of_a_file_are_walked_over_and_flattened(tmp_path: Path) -> None
     raw = stancekit.walk(
         field, (0.2, 0.0), robot="hexapod", duration_s=2.5, chart="decoupled", raw=True
     )
-    assert {solve.phase for solve in raw.solves} == {"feasible"}
+    assert raw.effort.solves == 1  # the second phase would take more
     for name, asked in (
         ("seeds", {"seeds": 0}),
         ("dynamics", {"dynamics": "none"}),

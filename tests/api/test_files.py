@@ -25,7 +25,7 @@ def envelopes(problems) -> stancekit.EnvelopeSet:
 
 @pytest.fixture(scope="module")
 def plan() -> stancekit.Plan:
-    return stancekit.plan("walls", frames=2).plan
+    return stancekit.plan("walls", frames=2).solution
 
 
 def test_problems_come_back_one_or_several(problems, tmp_path):
@@ -67,7 +67,7 @@ def test_a_proof_comes_back_as_subject_and_certificate(problems, tmp_path):
 
 def test_a_walk_comes_back(tmp_path):
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").trajectory
+    walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
     stancekit.save(walk, tmp_path / "walk.json")
     assert stancekit.load(tmp_path / "walk.json", stancekit.Trajectory).digest == walk.digest
 
@@ -115,4 +115,4 @@ def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
         with pytest.raises(stancekit.InvalidInput, match=rf"got {came}$"):
             stancekit.verify(subject, answer)
     with pytest.raises(stancekit.InvalidInput, match="expected no answer and no envelope with a Plan"):
-        stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).posture)
+        stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution)

@@ -45,7 +45,7 @@ def level() -> stancekit.HeightField:
 def test_integers_of_numpy_are_integers(tmp_path):
     two: Any = np.int64(2)
     assert stancekit.solve(problem(), stancekit.Micp(intervals=two)).status is stancekit.Status.FEASIBLE
-    assert stancekit.plan("stairs", frames=two).plan.com_m.shape == (2, 3)
+    assert stancekit.plan("stairs", frames=two).solution.com_m.shape == (2, 3)
     rows = stancekit.label("wall-3", tmp_path / "rows", rows=(two, two), seed=two)
     assert len(rows) == 4
     assert len(stancekit.label("wall-3", tmp_path / "natural", rows=two)) == 2
@@ -76,7 +76,7 @@ def test_a_planner_of_another_kind_of_question_is_refused():
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_old_arguments_are_taken_as_they_were_or_refused():
     def share(method: Any, **old: Any) -> float:
-        found = stancekit.plan("stairs", method, frames=4, **old).plan
+        found = stancekit.plan("stairs", method, frames=4, **old).solution
         assert found is not None
         return float(found.provenance.get("friction_share", 1.0))
 
@@ -138,7 +138,7 @@ def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
 
 
 def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
-    found = stancekit.plan("stairs", frames=2).plan
+    found = stancekit.plan("stairs", frames=2).solution
     assert found is not None
     stancekit.save(found, tmp_path / "plan.json")
     before = (tmp_path / "plan.json").read_bytes()

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import stancekit
-from stancekit import Outcome, PlanOutcome, Status
+from stancekit import Answer, Posture, Status
 from stancekit.planners.search.exact import ExactPlanner
 
 
@@ -27,19 +27,19 @@ class Says:
 
 
 @pytest.fixture(scope="module")
-def held() -> Outcome:
+def held() -> Answer[Posture]:
     return stancekit.solve(stancekit.sample("ground-3", rng=3)[0])
 
 
 @pytest.fixture(scope="module")
-def refuted() -> Outcome:
+def refuted() -> Answer[Posture]:
     return stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
 
 
 def test_a_posture_that_does_not_hold_is_refused(held):
     floating = replace(held.posture, forces_n=0.0 * held.posture.forces_n)
-    outcome = stancekit.solve(held.problem, Says(replace(held, posture=floating, method="mine")))
-    assert (outcome.status, outcome.posture) == (Status.UNDECIDED, None)
+    outcome = stancekit.solve(held.problem, Says(replace(held, solution=floating, method="mine")))
+    assert (outcome.status, outcome.solution) == (Status.UNDECIDED, None)
     assert outcome.message.startswith("witness refused: rejected: worst is force_balance")
 
 
@@ -50,11 +50,11 @@ def test_a_proof_of_another_problem_is_refused(held, refuted):
 
 @pytest.mark.parametrize("status", [Status.FEASIBLE, Status.INFEASIBLE])
 def test_a_claim_without_evidence_is_undecided(status, held):
-    outcome = stancekit.solve(held.problem, Says(Outcome(status=status, method="mine")))
+    outcome = stancekit.solve(held.problem, Says(Answer(status=status, method="mine")))
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, status.value)
     course = stancekit.load("stairs")
-    planned = stancekit.plan(course, Says(PlanOutcome(status=status, method="mine")))
-    assert (planned.status, planned.plan, planned.certificate) == (Status.UNDECIDED, None, None)
+    planned = stancekit.plan(course, Says(Answer(status=status, method="mine")))
+    assert (planned.status, planned.solution, planned.certificate) == (Status.UNDECIDED, None, None)
 
 
 def test_evidence_that_is_accepted_counts(held, refuted):
@@ -70,7 +70,7 @@ def test_evidence_that_is_accepted_counts(held, refuted):
     [
         (
             "feasible",
-            "method mine: expected an Outcome, a Posture, a Certificate or None, got a str, 'feasible'",
+            "method mine: expected an Answer, a Posture, a Certificate or None, got a str, 'feasible'",
         ),
         (KeyError("two\nlines"), r"method mine: KeyError: 'two\nlines'"),
     ],
@@ -83,5 +83,5 @@ def test_what_is_no_answer_is_one_line(answer, said, held):
 
 def test_a_planner_of_the_package_is_asked_itself(held):
     planner = ExactPlanner()
-    assert stancekit.solve(held.problem, planner).lower_bound == held.lower_bound
+    assert stancekit.solve(held.problem, planner).bound == held.bound
     assert stancekit.solve(held.problem, planner).method == held.method

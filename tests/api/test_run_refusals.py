@@ -16,7 +16,7 @@ pytest.importorskip("mujoco")
 
 @pytest.fixture(scope="module")
 def plan() -> stancekit.Plan:
-    found = stancekit.plan("stairs", frames=2).plan
+    found = stancekit.plan("stairs", frames=2).solution
     assert found is not None
     return found
 
@@ -58,7 +58,7 @@ def test_a_gait_runs_as_planned() -> None:
     walk = stancekit.walk(
         level, (0.1, 0.0), robot="hexapod", gait="tripod", duration_s=2.5, chart="decoupled"
     )
-    assert walk.trajectory is not None
+    assert walk.solution is not None
     faster = stancekit.RunSettings(timing=Timing().at_pace(2.0))
     with pytest.raises(stancekit.InvalidInput, match=r"^timing: expected key frames"):
-        stancekit.run(walk.trajectory, settings=faster)
+        stancekit.run(walk.solution, settings=faster)

@@ -103,7 +103,7 @@ class Boaster(Centres):
     """Says feasible of everything, with nothing to show."""
 
     def solve(self, problem):
-        return stancekit.Outcome(status=stancekit.Status.FEASIBLE, method="boast")
+        return stancekit.Answer(status=stancekit.Status.FEASIBLE, method="boast")
 
 
 def bare(options):

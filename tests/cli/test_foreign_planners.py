@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 import stancekit as library
-from stancekit.planners.answer.outcome import Certificate, Posture
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.formats.answer_file import answer_from_json
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search import methods
@@ -93,7 +94,7 @@ GARBAGE = """
 import sys
 import numpy as np
 import stancekit
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer
 
 def returning(thing):
     class Planner:
@@ -109,17 +110,17 @@ def raising(error):
     return returning(wrong)
 
 def said(**words):
-    return returning(stancekit.Outcome(**{"status": stancekit.Status.UNDECIDED, "method": "mine", **words}))
+    return returning(stancekit.Answer(**{"status": stancekit.Status.UNDECIDED, "method": "mine", **words}))
 
 def told(**words):
-    return returning(PlanOutcome(**{"status": stancekit.Status.UNDECIDED, "method": "mine", **words}))
+    return returning(Answer(**{"status": stancekit.Status.UNDECIDED, "method": "mine", **words}))
 
 class Wordless(Exception):
     def __str__(self):
         raise ValueError
 
 Text, Number, Table = returning("feasible"), returning(5), returning({"status": "feasible"})
-Empty, EmptyPosture = (returning(object.__new__(kind)) for kind in (stancekit.Outcome, stancekit.Posture))
+Empty, EmptyPosture = (returning(object.__new__(kind)) for kind in (stancekit.Answer, stancekit.Posture))
 Raises, Leaves, LeavesQuietly = raising(ValueError("so\\nit is")), raising(SystemExit("bye")), raising(SystemExit(0))
 Piped, Deep, Silent = raising(BrokenPipeError("pipe")), raising(RecursionError("deep")), raising(Wordless())
 PostureText, ProofNumber, StatusText = said(posture="here"), said(certificate=3), said(status="maybe")
@@ -196,10 +197,10 @@ def test_a_planner_that_changes_its_course_plans_for_none_that_was_asked_for(lia
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("Text", "expected an Outcome, a Posture, a Certificate or None, got a str, 'feasible'"),
-        ("Number", "expected an Outcome, a Posture, a Certificate or None, got a int, 5"),
-        ("Table", "expected an Outcome, a Posture, a Certificate or None, got a dict, "),
-        ("Empty", "AttributeError: 'Outcome' object has no attribute "),
+        ("Text", "expected an Answer, a Posture, a Certificate or None, got a str, 'feasible'"),
+        ("Number", "expected an Answer, a Posture, a Certificate or None, got a int, 5"),
+        ("Table", "expected an Answer, a Posture, a Certificate or None, got a dict, "),
+        ("Empty", "AttributeError: 'Answer' object has no attribute "),
         ("EmptyPosture", "AttributeError: 'Posture' object has no attribute "),
         ("Raises", "ValueError: so it is"),
         ("Leaves", "SystemExit: bye"),
@@ -232,7 +233,7 @@ def test_a_planner_that_is_none_is_one_line(name, said, garbage, stancekit, writ
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("Text", "expected a PlanOutcome, a Plan, a Certificate or None, got a str, 'feasible'"),
+        ("Text", "expected an Answer, a Plan, a Certificate or None, got a str, 'feasible'"),
         ("Blank", "AttributeError: 'Plan' object has no attribute "),
         ("CourseMessage", "expected text in its outcome, got a object, "),
         ("CourseProof", "expected a Certificate as evidence, got a str, 'no'"),
@@ -265,7 +266,7 @@ def test_who_takes_over_a_name_of_the_package_is_verified_like_any_other(monkeyp
             pass
 
         def solve(self, problem):
-            return library.Outcome(status=library.Status.FEASIBLE, method="exact", claim=said)
+            return library.Answer(status=library.Status.FEASIBLE, method="exact", claim=said)
 
     monkeypatch.setitem(methods.PLANNERS._things, "exact", Boaster)
     outcome = library.solve(PostureProblem.from_json(problem), "exact")

@@ -59,7 +59,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
                 "views.video"),
     },
     "leap_plan": {
-        CHOICES: ("planners.answer.outcome", "planners.leap.finder"),
+        CHOICES: ("planners.answer.answer", "planners.leap.finder"),
         LATER: ("planners.formats.leap_file", "planners.verify.leap_proof"),
     },
     "main": {TOOL: ("planners.plugins",)},
@@ -69,7 +69,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: ("views.postures", "views.sheet"),
     },
     "plan": {
-        CHOICES: ("planners.relaxation.table", "planners.search.methods", "planners.answer.outcome"),
+        CHOICES: ("planners.relaxation.table", "planners.search.methods", "planners.answer.answer"),
         LATER: ("planners.answer.report", "planners.equilibrium.programs", "planners.formats.answer_file",
                 "planners.formats.leap_file", "planners.formats.plan_file", "planners.formats.proof_file",
                 "planners.projection.whole_body_limits"),

@@ -93,7 +93,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("extras")
     for name in ("ant.urdf", "ant.yaml", "stones.obj"):
         (folder / name).write_bytes(config_path(f"demo/{name}").read_bytes())
-    plan = stancekit.plan("stairs", frames=2).plan
+    plan = stancekit.plan("stairs", frames=2).solution
     assert plan is not None
     stancekit.save(plan, folder / "climb.json")
     stancekit.label("wall-3", folder / "rows", rows=(1, 1))

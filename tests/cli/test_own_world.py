@@ -81,7 +81,7 @@ ARMED = """
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).plan
+    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
     assert plan is not None
     write_plan("plan.json", plan, check_plan(plan))
     return tmp_path

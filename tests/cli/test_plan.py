@@ -17,8 +17,7 @@ import yaml
 from stancekit.cli.main import run
 from stancekit.cli.plan import PlanCourse
 from stancekit.cli.verify import Verify
-from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import builtin_courses
@@ -95,7 +94,7 @@ def test_no_plan_is_exit_code_1_and_says_why(status, plan, monkeypatch, tmp_path
         __module__ = "stancekit.planners"  # or its word would count as far as the verifier accepts it
 
         def solve(self, course):
-            return PlanOutcome(status=status, method=self.name, problem=course, message=why)
+            return Answer(status=status, method=self.name, problem=course, message=why)
 
     monkeypatch.setattr("stancekit.planners.search.methods.make_course_planner", lambda *_, **__: Refusing())
     code, out, err = plan("walls", "--out", "climb.json")

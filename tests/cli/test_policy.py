@@ -54,7 +54,7 @@ def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(kind: str, tmp
     assert policy.learned.legs == EXPERT.legs
     seen = Observation(window=COURSE, standing=None, state=None, friction_share=1.0, frame=0)
     outcome = policy(seen).solve(COURSE)
-    assert outcome.plan is not None
+    assert outcome.solution is not None
     assert sum(policy.answers) == 1
     if kind in ("envelope", "chooser"):
         assert policy.answers == (1, 0)

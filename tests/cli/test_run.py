@@ -37,7 +37,7 @@ from stancekit.runner.worlds.ros.setup import same_names
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).plan
+    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
     assert plan is not None
     write_plan(folder / "plan.json", plan, check_plan(plan))
     return folder

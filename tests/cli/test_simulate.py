@@ -23,8 +23,8 @@ pytest.importorskip("mujoco")
 @cache
 def step() -> Plan:
     outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=2))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 @pytest.fixture

@@ -87,7 +87,7 @@ def _plans(folder: Path) -> None:
     (folder / "course.yaml").write_text(yaml.safe_dump(spec))
     course = read_course(folder / "course.yaml")
     (folder / "course.json").write_text(json.dumps(course_to_json(course)))
-    plan = TwoStageCoursePlanner().solve(read_course(folder / "course.yaml", 2)).plan
+    plan = TwoStageCoursePlanner().solve(read_course(folder / "course.yaml", 2)).solution
     assert plan is not None
     write_plan(folder / "plan.json", plan, check_plan(plan))
     icy = build_course(spec_from({**spec, "terrain": {**spec["terrain"], "friction": 0.0}}), folder)

@@ -12,7 +12,7 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import EnvelopeRefinementEnv, gap_by_dimension
 from stancekit.envs.sampling import SampledScenes
 from stancekit.envs.scenes import ListedScenes
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

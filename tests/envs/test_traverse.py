@@ -17,8 +17,7 @@ import stancekit
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
 from stancekit.learners.selectors.terrain_rule import TerrainRule
-from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course_file import read_course
@@ -61,7 +60,7 @@ class Mute:
     name = "mute"
 
     def solve(self, course):
-        return PlanOutcome(status=Status.UNDECIDED, method=self.name, solves=7, seconds=1.5, compile_s=4.0)
+        return Answer(status=Status.UNDECIDED, method=self.name, effort=Effort(solves=7, seconds=1.5, compile_s=4.0))
 
 
 # ----------------------------------------------------------------------------------------------------------- contract

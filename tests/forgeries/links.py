@@ -69,7 +69,7 @@ def honest_plan() -> Plan:
     with TemporaryDirectory() as folder:
         (Path(folder) / "dog.urdf").write_text(dressed())
         (Path(folder) / "flat.yaml").write_text(COURSE)
-        plan = TwoStageCoursePlanner().solve(read_course(Path(folder) / "flat.yaml")).plan
+        plan = TwoStageCoursePlanner().solve(read_course(Path(folder) / "flat.yaml")).solution
     assert plan is not None
     return with_joints(plan)
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from stancekit.configs import config_path
 from stancekit.envs.distributions.postures import distribution
-from stancekit.planners.answer.outcome import Certificate, Posture
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course_file import read_course
@@ -25,7 +26,7 @@ TOLERANCE = 1e-6
 
 def honest_plan() -> Plan:
     """Three key frames between walls."""
-    plan = TwoStageCoursePlanner().solve(read_course(config_path("courses/walls.yaml"), 3)).plan
+    plan = TwoStageCoursePlanner().solve(read_course(config_path("courses/walls.yaml"), 3)).solution
     assert plan is not None
     return plan
 
@@ -35,7 +36,7 @@ def honest_posture() -> tuple[PostureProblem, Posture]:
     rng = np.random.default_rng(3)
     while True:
         problem = distribution("ground-3").sample(rng)
-        posture = ExactPlanner().solve(problem).posture
+        posture = ExactPlanner().solve(problem).solution
         if posture is not None:
             return problem, posture
 
@@ -279,7 +280,7 @@ PLANS: dict[str, Callable[..., Any]] = SHARED | {
 
 def has_witness(problem: PostureProblem) -> bool:
     """Whether the judge finds nothing wrong with a posture: then no proof of the contrary is one."""
-    posture = ExactPlanner().solve(problem).posture
+    posture = ExactPlanner().solve(problem).solution
     return posture is not None and posture_fault(problem, posture) == ""
 
 

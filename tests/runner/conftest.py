@@ -30,8 +30,8 @@ def step() -> Callable[[str], Plan]:
     @cache
     def plan(course: str) -> Plan:
         outcome = TwoStageCoursePlanner().solve(read_course(course, frames=2))
-        assert outcome.plan is not None
-        return outcome.plan
+        assert outcome.solution is not None
+        return outcome.solution
 
     return plan
 
@@ -54,7 +54,7 @@ def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert whole in text
         text = text.replace(whole, part)
     (folder / "desk.yaml").write_text(text)
-    plan = TwoStageCoursePlanner().solve(read_course(folder / "desk.yaml")).plan
+    plan = TwoStageCoursePlanner().solve(read_course(folder / "desk.yaml")).solution
     assert plan is not None
     write_plan(folder / "desk.json", plan, check_plan(plan))
     return folder / "desk.json"

@@ -207,7 +207,7 @@ def crawl(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("crawl")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(CRAWL)
-    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml")).plan
+    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml")).solution
     assert plan is not None
     return with_joints(plan)
 

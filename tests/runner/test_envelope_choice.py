@@ -60,9 +60,9 @@ def test_it_is_asked_about_every_stance_of_its_legs_or_their_images_and_its_boxe
     assert isinstance(planner, EnvelopeOrLift)
     assert policy.answers == (0, 0)
     outcome = planner.solve(WINDOW)
-    assert outcome.plan is not None
-    assert check_plan(outcome.plan).accepted
-    assert (policy.answers, outcome.plan.provenance["p1"]) == ((1, 0), LEARNED.problem_class)
+    assert outcome.solution is not None
+    assert check_plan(outcome.solution).accepted
+    assert (policy.answers, outcome.solution.provenance["p1"]) == ((1, 0), LEARNED.problem_class)
 
 
 def test_a_stance_on_the_other_side_is_shown_in_the_mirror_and_all_from_the_nominal_com() -> None:
@@ -98,15 +98,15 @@ def test_a_choice_within_which_there_is_no_plan_is_planned_without() -> None:
     assert tight.size == vector(LEARNED).size // len(LEARNED.envelopes)
     policy = SelectorPolicy(Always(tight), LEARNED)
     outcome = policy(seen()).solve(WINDOW)
-    assert outcome.plan is not None
-    assert (policy.answers, outcome.plan.provenance["p1"]) == ((0, 1), "lift")
+    assert outcome.solution is not None
+    assert (policy.answers, outcome.solution.provenance["p1"]) == ((0, 1), "lift")
 
 
 def test_what_is_planned_where_nothing_was_chosen_counts_as_planned_without() -> None:
     policy = SelectorPolicy(Always(vector(LEARNED)), expert_envelopes("wall", legs=FIVE_LEGS))
     outcome = policy(seen()).solve(WINDOW)
-    assert outcome.plan is not None
-    assert (policy.answers, outcome.plan.provenance["p1"]) == ((0, 1), "lift")
+    assert outcome.solution is not None
+    assert (policy.answers, outcome.solution.provenance["p1"]) == ((0, 1), "lift")
 
 
 def test_a_selector_that_would_never_be_asked_is_refused() -> None:

@@ -91,11 +91,11 @@ def climbed() -> dict[bool, RunReport]:
     """Two steps up the walls, the body's measurement withheld: by joints alone, and with what they and the feet say fed
     back."""
     outcome = with_whole_body(plan_with_reserve(TwoStageCoursePlanner(), read_course("walls", frames=3)))
-    assert outcome.plan is not None
+    assert outcome.solution is not None
 
     def run(odometry: bool) -> RunReport:
         settings = RunSettings(check_limits=False, blind=True, odometry=odometry, timing=Timing().at_pace(2.0))
-        return simulate(outcome.plan, settings=settings)
+        return simulate(outcome.solution, settings=settings)
 
     return {odometry: run(odometry) for odometry in (False, True)}
 

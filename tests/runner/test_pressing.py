@@ -18,7 +18,7 @@ from stancekit.runner.motion.timeline import PlanMotion
 
 def added(course: str) -> tuple[Array, Array]:
     """Joint targets with pressing less those without, after forces were missing: of those that are asked for a half."""
-    plan = TwoStageCoursePlanner().solve(read_course(course, frames=2)).plan
+    plan = TwoStageCoursePlanner().solve(read_course(course, frames=2)).solution
     assert plan is not None
     motion, kinematics = PlanMotion(plan), Kinematics(plan.course.robot)
     felt = 0.5 * motion.at(0.0).forces_n

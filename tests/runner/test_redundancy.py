@@ -29,7 +29,7 @@ from stancekit.runner.motion.timeline import PlanMotion, Timing
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    found = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).plan
+    found = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
     assert found is not None
     return found
 
@@ -61,7 +61,7 @@ def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
 
 
 def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_torques() -> None:
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=4)).plan
+    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=4)).solution
     assert plan is not None
     kinematics = Kinematics(plan.course.robot)
     bent = whole_body(plan, WholeBodyLimits(torque_nm=10.0), kinematics)
@@ -130,7 +130,7 @@ def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:
 @pytest.mark.parametrize("index", [2, 3, 4])
 def test_courses_on_which_joints_once_jumped_or_feet_stayed_behind_are_walked_smoothly(index: int) -> None:
     course = perturbed("walls", np.random.default_rng([0, index]), frames=3)
-    plan = TwoStageCoursePlanner().solve(course).plan
+    plan = TwoStageCoursePlanner().solve(course).solution
     assert plan is not None
     seen = joint_profile(PlanMotion(plan), Kinematics(course.robot))
     assert seen.error_m.max() < 1e-5

@@ -10,9 +10,8 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
@@ -28,7 +27,7 @@ COURSE = read_course("walls", frames=3)
 
 @pytest.fixture(scope="module")
 def standing() -> Standing:
-    plan = PLANNER.solve(COURSE).plan
+    plan = PLANNER.solve(COURSE).solution
     assert plan is not None
     patches = tuple(plan.course.patch(int(index), plan.choice) for index in plan.course.holds[0])
     return Standing(com_m=plan.com_m[0], rotation_rad=plan.rotation_rad[0], toes_m=plan.toes_at(0), patches=patches)
@@ -40,10 +39,10 @@ class Unless:
     def __init__(self, refuses: Callable[[Course], bool]) -> None:
         self.refuses, self.seen = refuses, list[tuple[tuple[str, ...], ...]]()
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         self.seen.append(course.lifts)
         if self.refuses(course):
-            return PlanOutcome(status=Status.UNDECIDED, method="told to", message="too hard")
+            return Answer(status=Status.UNDECIDED, method="told to", message="too hard")
         return PLANNER.solve(course)
 
 

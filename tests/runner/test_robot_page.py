@@ -36,7 +36,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
     monkeypatch.chdir(tmp_path)
     (course,) = (text for language, text in BLOCKS if language == "yaml")
     Path("desk.yaml").write_text(course)
-    plan = TwoStageCoursePlanner().solve(read_course("desk.yaml")).plan
+    plan = TwoStageCoursePlanner().solve(read_course("desk.yaml")).solution
     assert plan is not None
     write_plan("desk.json", plan, check_plan(plan))
     accepted = Accepted.from_file("desk.json")

@@ -59,8 +59,8 @@ def light() -> Plan:
     course = read_course("ground-to-wall", frames=2)
     robot = replace(course.robot, mass_kg=5.0)
     outcome = TwoStageCoursePlanner().solve(replace(course, robot=robot))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 def test_a_loop_that_is_sent_a_command_gives_the_torque_at_the_angle() -> None:

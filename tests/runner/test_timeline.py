@@ -23,8 +23,8 @@ from stancekit.runner.motion.timeline import PlanMotion, Timing
 @pytest.fixture(scope="module")
 def plan() -> Plan:
     outcome = TwoStageCoursePlanner().solve(read_course("stairs", frames=4))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
 
 def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_cones() -> None:
     course = with_pause(read_course("walls", frames=3), 1)
-    plan = TwoStageCoursePlanner().solve(course).plan
+    plan = TwoStageCoursePlanner().solve(course).solution
     assert plan is not None
     kinematics = Kinematics(course.robot)
     standing = standing_forces(plan, kinematics)

@@ -22,11 +22,11 @@ pytest.importorskip("mujoco")
 @pytest.fixture(scope="module")
 def run() -> tuple[Plan, Execution]:
     outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=2))
-    assert outcome.plan is not None
+    assert outcome.solution is not None
     settings = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
-    execution = simulate(outcome.plan, settings=settings).execution
+    execution = simulate(outcome.solution, settings=settings).execution
     assert execution is not None
-    return outcome.plan, execution
+    return outcome.solution, execution
 
 
 def test_limbs_end_where_the_world_had_the_feet(run: tuple[Plan, Execution]) -> None:

@@ -29,7 +29,7 @@ from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 
 @pytest.fixture(scope="module")
 def plan():
-    found = TwoStageCoursePlanner().solve(read_course("icy-walls", 2)).plan
+    found = TwoStageCoursePlanner().solve(read_course("icy-walls", 2)).solution
     assert found is not None
     return found
 

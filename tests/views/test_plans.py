@@ -21,7 +21,7 @@ from stancekit.views.terrain import ICE, cells
 
 @pytest.fixture(scope="module")
 def plan():
-    found = TwoStageCoursePlanner().solve(read_course("icy-walls", 3)).plan
+    found = TwoStageCoursePlanner().solve(read_course("icy-walls", 3)).solution
     assert found is not None
     return found
 
@@ -195,7 +195,7 @@ def area(polygon):
 
 
 def test_one_frame_and_no_terrain_are_drawn_too():
-    plan = TwoStageCoursePlanner().solve(read_course("walls", 1)).plan
+    plan = TwoStageCoursePlanner().solve(read_course("walls", 1)).solution
     assert plan is not None
     bare = replace(plan, course=replace(plan.course, terrain=()))
     for shown in (plan, bare):

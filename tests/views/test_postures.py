@@ -15,7 +15,7 @@ from matplotlib.image import imread
 from numpy.typing import NDArray
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.outcome import Posture
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
@@ -40,7 +40,7 @@ def solved() -> Solved:
     planner, found = ExactPlanner(), {}
     for name, distribution in DISTRIBUTIONS.items():
         problem = distribution.sample(np.random.default_rng(2))
-        posture = planner.solve(problem).posture
+        posture = planner.solve(problem).solution
         assert posture is not None
         found[name] = (problem, posture)
     return found

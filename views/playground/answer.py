@@ -5,9 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.problem.course import Course
 from stancekit.planners.search.plan_course import plan_course
@@ -25,7 +24,7 @@ PATIENT_S = 60.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Answer:
+class SceneAnswer:
     """What is known of a scene.
 
     course: what is asked for; None where it makes no sense. plan: accepted by the verifier as far as its contacts go.
@@ -49,7 +48,7 @@ class Answer:
         return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
 
 
-def quick_answer(scenario: Scenario) -> Answer:
+def quick_answer(scenario: Scenario) -> SceneAnswer:
     """An answer for the eye, from the contacts alone; undecided where it would take longer. Raises nothing."""
     begin = time.process_time()
     try:
@@ -58,11 +57,11 @@ def quick_answer(scenario: Scenario) -> Answer:
         planner = TwoStageCoursePlanner(time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS)
         outcome = plan_course(scenario.course, planner, shares=SHARES, presses=(), limits=None)
     except StancekitError as error:
-        return Answer(message=str(error), seconds=(time.process_time() - begin, 0.0))
+        return SceneAnswer(message=str(error), seconds=(time.process_time() - begin, 0.0))
     return _answer(outcome, course, (laid - begin, time.process_time() - laid))
 
 
-def patient_answer(scenario: Scenario) -> Answer:
+def patient_answer(scenario: Scenario) -> SceneAnswer:
     """The answer of ``stancekit plan``: with a reserve of friction, joints, torques and bodies. Raises nothing."""
     begin = time.process_time()
     try:
@@ -71,11 +70,11 @@ def patient_answer(scenario: Scenario) -> Answer:
         deadline = time.perf_counter() + PATIENT_S
         outcome = plan_course(scenario.course, TwoStageCoursePlanner(time_limit_s=PATIENT_S), deadline=deadline)
     except StancekitError as error:
-        return Answer(message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0))
+        return SceneAnswer(message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0))
     return _answer(outcome, course, (laid - begin, time.process_time() - laid), patient=True)
 
 
-def _answer(outcome: PlanOutcome, asked: Course, seconds: tuple[float, float], *, patient: bool = False) -> Answer:
+def _answer(outcome: Answer[Plan], asked: Course, seconds: tuple[float, float], *, patient: bool = False) -> SceneAnswer:
     """The answer that an outcome is. asked: the scene's own course, where the outcome is not of a problem."""
     message, report = outcome.message, outcome.report
     if outcome.certificate is not None and outcome.problem is not None:
@@ -84,8 +83,8 @@ def _answer(outcome: PlanOutcome, asked: Course, seconds: tuple[float, float], *
             message += f", over the {outcome.sets} sets of its legs"
     elif report is not None and not report.accepted:
         message = report.message + (f"; {report.failures}" if report.failures else "")
-    share = 1.0 if outcome.plan is None else float(outcome.plan.provenance.get("friction_share", 1.0))
-    return Answer(
-        course=outcome.problem or asked, status=outcome.status, plan=outcome.plan, message=message, report=report,
+    share = 1.0 if outcome.solution is None else float(outcome.solution.provenance.get("friction_share", 1.0))
+    return SceneAnswer(
+        course=outcome.problem if isinstance(outcome.problem, Course) else asked, status=outcome.status, plan=outcome.solution, message=message, report=report,
         patient=patient, share=share, seconds=seconds,
     )  # fmt: skip

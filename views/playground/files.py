@@ -11,7 +11,7 @@ from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.plan_file import write_plan
 
-from .answer import Answer
+from .answer import SceneAnswer
 from .page_parts import BAD, GOOD, named_in, told
 from .scenario import Scenario
 
@@ -19,7 +19,7 @@ from .scenario import Scenario
 class Files:
     """Names, buttons, and a line that says what was written. now: the newest scene and the answer that is shown."""
 
-    def __init__(self, server: Any, folder: Path, now: Callable[[], tuple[Scenario, Answer]]) -> None:
+    def __init__(self, server: Any, folder: Path, now: Callable[[], tuple[Scenario, SceneAnswer]]) -> None:
         self._server, self._folder, self._now = server, folder, now
         gui = server.gui
         with gui.add_folder("Files"):

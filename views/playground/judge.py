@@ -9,10 +9,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from .answer import Answer, patient_answer
+from .answer import SceneAnswer, patient_answer
 from .scenario import Scenario
 
-Told = Callable[[int, Answer], None]
+Told = Callable[[int, SceneAnswer], None]
 
 
 class Judge:
@@ -69,7 +69,7 @@ class Judge:
             except (EOFError, OSError):  # it was ended, by us or by somebody else
                 with self._lock:
                     self._process = None
-                answer = Answer(message="the process that judges plans has ended; any change starts it anew")
+                answer = SceneAnswer(message="the process that judges plans has ended; any change starts it anew")
                 if self._closed:
                     continue
             self._on_answer(number, answer)

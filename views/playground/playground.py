@@ -19,7 +19,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from ..plans import PlanView
 from ..scene import Scene
 from ..stage import Stage
-from .answer import Answer, quick_answer
+from .answer import SceneAnswer, quick_answer
 from .controls import Controls
 from .files import Files
 from .page_parts import called, from_behind, let_camera, set_up
@@ -44,7 +44,7 @@ class Playground:
         first = quick_answer(scenario)
         self._server, self._drawing = server, threading.RLock()
         self._pictures = Pictures()
-        self._answer: Answer = first
+        self._answer: SceneAnswer = first
         self._view: PlanView | None = None
         self._solver: tuple[Any, Kinematics | None] | None = None
         self._set_up(course)
@@ -152,7 +152,7 @@ class Playground:
 
     # ------------------------------------------------------------------------------------------------ what is seen
 
-    def _draw(self, number: int, scenario: Scenario, answer: Answer, since: float) -> None:
+    def _draw(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
         """Show an answer, all of it at once."""
         with self._drawing:
             followed = self._answer.course is None or self._player.at >= self._answer.course.frames - 1.001

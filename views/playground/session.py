@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from .answer import Answer, quick_answer
+from .answer import SceneAnswer, quick_answer
 from .judge import Judge
 from .scenario import Scenario
 
@@ -27,7 +27,7 @@ class Session:
     def __init__(
         self,
         scenario: Scenario,
-        on_answer: Callable[[int, Scenario, Answer, float], None],
+        on_answer: Callable[[int, Scenario, SceneAnswer, float], None],
         *,
         judges: bool = True,
         rest_s: float = REST_S,
@@ -36,7 +36,7 @@ class Session:
         self._news = threading.Condition()
         self._scenario, self._number, self._since = scenario, 0, time.perf_counter()
         self._answered, self._judged = -1, -1
-        self._verdict: tuple[int, Answer] | None = None
+        self._verdict: tuple[int, SceneAnswer] | None = None
         self._judge = Judge(self._told) if judges else None
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="playground", daemon=True)
@@ -87,7 +87,7 @@ class Session:
         if self._thread.is_alive():
             self._thread.join(timeout=5.0)
 
-    def _told(self, number: int, answer: Answer) -> None:
+    def _told(self, number: int, answer: SceneAnswer) -> None:
         with self._news:
             self._verdict = (number, answer)
             self._news.notify()
@@ -118,7 +118,7 @@ class Session:
             return None
         return max(self._rest_s - (time.perf_counter() - self._since), 0.001)
 
-    def _say(self, number: int, scenario: Scenario, answer: Answer, since: float) -> None:
+    def _say(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
         try:
             self._on_answer(number, scenario, answer, since)
         except Exception:  # a page that cannot draw one answer draws the next

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import WHOLE_BODY, acceptance_word
 from stancekit.planners.errors import InvalidInput
@@ -19,7 +19,7 @@ from stancekit.planners.verify import Report
 
 from ..plan_motion import Moment
 from ..sheet import leg_colour
-from .answer import Answer
+from .answer import SceneAnswer
 from .page_parts import BAD, GOOD, QUIET, RULE, TROUGH, UNSURE, said
 
 TIGHT = 0.95
@@ -102,14 +102,14 @@ def solver_of(course: Course) -> Kinematics | None:
         return None
 
 
-def verdict(answer: Answer, number: int, drawn_ms: float) -> str:
+def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
     """The verdict as HTML. number: of the change that it answers; drawn_ms: since that change."""
     colour, title, text = _words(answer)
     took = f"judged in {sum(answer.seconds):.1f} CPU-s" if answer.patient else f"drawn after {drawn_ms:.0f} ms"
     return said(colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient)
 
 
-def _words(answer: Answer) -> tuple[str, str, str]:
+def _words(answer: SceneAnswer) -> tuple[str, str, str]:
     """Colour, title and sentence."""
     if answer.course is None:
         return BAD, "No course", answer.message
@@ -172,7 +172,7 @@ def explained(limbs: list[str]) -> str:
     return f"{seen}Cone: share of the friction that its force may use. Limit: of the joint with the least torque left."
 
 
-def summary(answer: Answer) -> str:
+def summary(answer: SceneAnswer) -> str:
     """The plan in a few numbers, as HTML; empty without one."""
     plan = answer.plan
     if plan is None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ...answer.answer import Answer, Effort, Status
 from ...answer.report import Report
 from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput, PlanningFailed
@@ -69,22 +70,15 @@ class Caps:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GaitPlan:
-    """A walk, or what kept it from being one.
+class Attempts:
+    """The attempts at a walk, in their order.
 
     Arguments:
         attempts: with the best trajectory of each, accepted or not.
-        feasible: the verifier's word on the first feasible point of each, before the second phase, None for none.
+        feasible: the verifier's report on the first feasible point of each, before the second phase, None for none.
         solves: every one in its order.
         failures: of attempts that could not begin, for example for a terrain that no map fits.
         stopped: the caller asked it to end.
-    Source:
-        Paper W §V.
-    Example:
-        >>> import numpy as np, stancekit
-        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-        >>> stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").message
-        'accepted as far as checked: ...'
     """
 
     attempts: tuple[Attempted, ...]
@@ -94,14 +88,23 @@ class GaitPlan:
     stopped: bool = False
 
     @property
-    def trajectory(self) -> Trajectory | None:
-        """The smoothest walk that the verifier accepts, None where there is none."""
-        return self.best.trajectory if self.best is not None and self.best.verified else None
-
-    @property
-    def report(self) -> Report[Trajectory] | None:
-        """What the verifier says of the trajectory."""
-        return self.best.report if self.best is not None and self.best.verified else None
+    def answer(self) -> Answer[Trajectory]:
+        """The smoothest walk that the verifier accepts; where there is none, undecided, with the best attempt."""
+        best, names = self.best, [one.attempt.name for one in self.attempts]
+        return Answer(
+            status=Status.FEASIBLE if self.verified else Status.UNDECIDED,
+            method=", ".join(names) if best is None else best.attempt.name,
+            solution=None if best is None else best.trajectory,
+            report=None if best is None else best.report,
+            residual=math.nan if best is None else best.report.worst,
+            effort=Effort(
+                solves=len(self.solves),
+                tries=len(self.attempts),
+                seconds=self.seconds,
+            ),
+            message=self.message,
+            details={"iterations": float(sum(one.iterations for one in self.solves))},
+        )
 
     @property
     def verified(self) -> bool:
@@ -121,11 +124,11 @@ class GaitPlan:
     @property
     def message(self) -> str:
         """One line: the verdict, or what the best attempt was refused for."""
-        if self.report is not None:
-            return self.report.message
         best = self.best
         if best is None:
             return "no walk: " + ("; ".join(self.failures) or "every attempt had failed before")
+        if best.verified:
+            return best.report.message
         if best.solution.success:
             return f"no walk that the verifier accepts: {best.report.message}"
         return f"no feasible walk: largest violation {best.solution.violation:.1e}"
@@ -139,7 +142,7 @@ def plan_gait(
     caps: Caps | None = None,
     attempts: Sequence[Attempt] | None = None,
     checkpoint: Checkpoint | None = None,
-) -> GaitPlan:
+) -> Attempts:
     """Find a walk: try attempts in their order until the verifier accepts one, smoothed and densified.
 
     Arguments:
@@ -151,8 +154,8 @@ def plan_gait(
             and the smoothest is the answer.
         checkpoint: takes up and keeps where attempts stand.
     Returns:
-        A ``GaitPlan``. ``trajectory`` is the walk that the verifier accepted, None where there is none; ``best`` is the
-        best attempt all the same, and ``message`` says what it was refused for.
+        The ``Attempts``. ``best`` is the best of them, accepted or not, ``message`` says what it was refused for, and
+        ``answer`` is what ``stancekit.walk`` returns.
     Raises:
         InvalidInput: for settings that do not fit the task, and for an unknown chart.
     Source:
@@ -160,7 +163,7 @@ def plan_gait(
     """
     settings = settings or GaitSettings()
     if reason := forbidden(task, settings):
-        return GaitPlan(attempts=(), feasible=(), solves=(), failures=(reason,))
+        return Attempts(attempts=(), feasible=(), solves=(), failures=(reason,))
     todo = default_attempts(task) if attempts is None else list(attempts)
     caps = caps or Caps()
     checkpoint = checkpoint or Checkpoint(None, task, settings, todo)
@@ -179,7 +182,7 @@ def plan_gait(
         checkpoint.keep(index, found[-1])
         if run.budget.exhausted:
             break
-    return GaitPlan(
+    return Attempts(
         attempts=tuple(found),
         feasible=tuple(run.feasible),
         solves=tuple(run.budget.solves),

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from stancekit.envs.distributions.courses import grips, icy_walls, perturbed
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import builtin_courses, read_course, read_spec, spec_from
 from stancekit.planners.problem.course_json import course_to_json

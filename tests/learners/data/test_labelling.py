@@ -26,7 +26,7 @@ from stancekit.learners.data import shards
 from stancekit.learners.data.executor import Answer, Task, due, processes
 from stancekit.learners.data.labelling import Progress, label, recheck
 from stancekit.learners.data.shards import LabellingFailed, samples
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.search.canonical import canonical
 from stancekit.planners.search.exact import ExactPlanner
@@ -209,9 +209,9 @@ def test_rows_hold_what_the_exact_planner_proves_of_each_problem_alone(natural: 
     for row in Dataset.open(natural).rows():
         alone = exact.solve(row.problem)
         kinds.add(row.kind)
-        assert (row.status, row.lower_bound) == (alone.status, alone.lower_bound)
+        assert (row.status, row.lower_bound) == (alone.status, alone.bound)
         if row.certificate is not None and alone.certificate is not None:
-            assert row.solves == alone.solves
+            assert row.solves == alone.effort.solves
             assert row.certificate.to_json() == alone.certificate.to_json()
     assert kinds == {"feasible", "infeasible", "trivial"}
 

@@ -9,7 +9,7 @@ import pytest
 
 from stancekit.cli.main import main
 from stancekit.learners.data.scene_set import export_scenes
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner

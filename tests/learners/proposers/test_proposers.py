@@ -14,7 +14,7 @@ from stancekit.learners.proposers.scenes import Scenes
 from stancekit.learners.proposers.training import ProposerSettings, train_proposers
 from stancekit.learners.selectors.network import Architecture
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
-from stancekit.planners.answer.outcome import Certificate
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.search.batch import solve_all
@@ -105,7 +105,7 @@ def test_trained_proposals_change_no_verdict_and_settle_some_without_a_solver(pr
     after = solve_all(ExactPlanner(programs=programs, proposers=trained), batch)
     assert [one.details["trivial"] for one in after] == [one.details["trivial"] for one in before]
     assert [one.status for one in after] == [one.status for one in before]
-    assert sum(one.solves == 0 for one in after) > sum(one.solves == 0 for one in before) + 10
+    assert sum(one.effort.solves == 0 for one in after) > sum(one.effort.solves == 0 for one in before) + 10
 
 
 @pytest.mark.parametrize("name", CLASSES)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stancekit.planners.answer.outcome import Certificate
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.conic_solution import ConicSolution, ConicStatus
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled

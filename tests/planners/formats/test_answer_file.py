@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import UNBOUNDED, Certificate, Outcome, Posture, Status
+from stancekit.planners.answer.answer import UNBOUNDED, Answer, Status
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import parse_json, read_text
 from stancekit.planners.files.writing import write_bytes, write_text
@@ -283,11 +285,11 @@ def test_an_outcome_is_strict_json_that_can_be_checked(outcomes, name, proof):
 
 
 def test_numbers_that_are_none_become_null():
-    outcome = Outcome(
+    outcome = Answer(
         status=Status.UNDECIDED,
         method="p1",
         details={"margin": np.inf, "gap": np.nan, "chosen": 1.0},
-        lower_bound=np.inf,
+        bound=np.inf,
     )
     record = outcome.to_json()
     json.dumps(record, allow_nan=False)

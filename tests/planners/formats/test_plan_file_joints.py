@@ -52,8 +52,8 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(COURSE)
     outcome = TwoStageCoursePlanner().solve(read_course(folder / "flat.yaml"))
-    assert outcome.plan is not None
-    return with_joints(outcome.plan)
+    assert outcome.solution is not None
+    return with_joints(outcome.solution)
 
 
 @pytest.fixture

@@ -48,7 +48,7 @@ def test_a_proof_is_the_same_to_the_last_bit_when_read_back(proved, written):
 def test_a_proof_of_another_course_is_refused(proved, written):
     grippy = slippery(proved[0], 4.0)
     changed(written, subject=course_to_json(grippy))
-    assert TwoStageCoursePlanner().solve(grippy).plan is not None
+    assert TwoStageCoursePlanner().solve(grippy).solution is not None
     check = check_proof_file(written)
     assert not check.accepted
     assert check.to_json()["verdict"] == "refused"

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.leap_outcome import LeapOutcome
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
@@ -19,7 +20,7 @@ def leap() -> Leap:
 
 
 @pytest.fixture(scope="session")
-def found(leap: Leap) -> LeapOutcome:
+def found(leap: Leap) -> Answer[LeapPlan]:
     """The finder's answer to it."""
     return find_leap(leap)
 
@@ -37,7 +38,7 @@ def failed(leap: Leap) -> Attempt:
 
 
 @pytest.fixture(scope="session")
-def refuted() -> LeapOutcome:
+def refuted() -> Answer[LeapPlan]:
     """An answer with a proof that there is no leap."""
     for seed in range(20):
         drawn = leap_class("leap-few").draw(np.random.default_rng(seed))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.leap_outcome import LeapOutcome
-from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.cuts import MARGIN, guide, plan_cut, proof_cut, ray, shapes, split
@@ -87,7 +88,7 @@ def test_the_picker_gives_the_best_sum_that_no_cut_refutes() -> None:
     assert tuple(picker.best()) == max(left, key=value.get)
 
 
-def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: LeapOutcome) -> None:
+def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: Answer[LeapPlan]) -> None:
     leap, proof = refuted.problem, refuted.certificate
     assert proof is not None
     assert check_leap_certificate(leap, proof).accepted
@@ -108,7 +109,7 @@ def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: LeapOutcom
     assert not check_leap_certificate(with_grip, proof).accepted
 
 
-def test_the_planners_bound_is_that_of_the_check(refuted: LeapOutcome) -> None:
+def test_the_planners_bound_is_that_of_the_check(refuted: Answer[LeapPlan]) -> None:
     leap, proof = refuted.problem, refuted.certificate
     assert proof is not None
     if len(proof.multipliers) == 1:
@@ -118,7 +119,7 @@ def test_the_planners_bound_is_that_of_the_check(refuted: LeapOutcome) -> None:
         assert cut.least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-6)
 
 
-def test_an_explanation_names_what_would_have_to_give(refuted: LeapOutcome) -> None:
+def test_an_explanation_names_what_would_have_to_give(refuted: Answer[LeapPlan]) -> None:
     assert refuted.certificate is not None
     said = explain_leap(refuted.problem, refuted.certificate)
     first = said.relaxations[0]
@@ -127,8 +128,8 @@ def test_an_explanation_names_what_would_have_to_give(refuted: LeapOutcome) -> N
     assert first.needed > first.now
 
 
-def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: LeapOutcome) -> None:
-    plan = found.plan
+def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: Answer[LeapPlan]) -> None:
+    plan = found.solution
     assert plan is not None
     here = plan.at(np.array([0.4]))
     state = BodyState(
@@ -142,12 +143,12 @@ def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: LeapOutcome) -
         remaining_leap(plan, 2.0, state)
 
 
-def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(found: LeapOutcome, refuted: LeapOutcome) -> None:
+def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(found: Answer[LeapPlan], refuted: Answer[LeapPlan]) -> None:
     impossible = (0.32, 0.02, 0.32)
     two = replace(found.problem, timings_s=(impossible, found.problem.timings_s[0]))
     outcome = find_leap(two)
-    assert outcome.plan is not None
-    assert outcome.plan.timing == 1
+    assert outcome.solution is not None
+    assert outcome.solution.timing == 1
     both = replace(refuted.problem, timings_s=(refuted.problem.timings_s[0], refuted.problem.timings_s[0]))
     proof = find_leap(both, LeapFinder(solves=4)).certificate
     assert proof is not None
@@ -155,8 +156,8 @@ def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(found: LeapOutco
     assert not check_leap_certificate(refuted.problem, proof).accepted
 
 
-def test_a_forged_leap_is_refused(found: LeapOutcome) -> None:
-    plan = found.plan
+def test_a_forged_leap_is_refused(found: Answer[LeapPlan]) -> None:
+    plan = found.solution
     assert plan is not None
     assert check_leap(plan).accepted
     for name in ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n"):
@@ -193,8 +194,8 @@ def test_any_multipliers_have_the_bound_that_the_check_works_out_on_its_own(name
         assert proof_cut(numbers, row).least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-9)
 
 
-def test_a_leap_that_is_found_makes_no_sum_of_any_multipliers_positive(found: LeapOutcome) -> None:
-    plan, rng = found.plan, np.random.default_rng(6)
+def test_a_leap_that_is_found_makes_no_sum_of_any_multipliers_positive(found: Answer[LeapPlan]) -> None:
+    plan, rng = found.solution, np.random.default_rng(6)
     assert plan is not None
     numbers = LeapNumbers.of(plan.leap)
     size = sum(int(np.prod(shape)) for shape in shapes(numbers).values())

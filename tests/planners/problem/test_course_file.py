@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.candidates import CandidatePatches
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course, read_spec, spec_from

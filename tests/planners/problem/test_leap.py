@@ -93,12 +93,12 @@ def test_limbs_that_stand_on_are_on_one_foothold() -> None:
 def test_a_file_gives_back_the_question_the_plan_and_the_proof(tmp_path) -> None:
     asked = leap_class("leap-given").draw(np.random.default_rng(0))
     outcome = find_leap(asked)
-    assert outcome.plan is not None
-    write_leap(tmp_path / "leap.json", asked, outcome.plan)
+    assert outcome.solution is not None
+    write_leap(tmp_path / "leap.json", asked, outcome.solution)
     found = read_leap(tmp_path / "leap.json")
     assert leap_to_json(found.leap) == leap_to_json(asked)
     assert found.plan is not None
-    assert check_leap(found.plan).worst == check_leap(outcome.plan).worst
+    assert check_leap(found.solution).worst == check_leap(outcome.solution).worst
     box = leap_class("leap-anymal").draw(np.random.default_rng(0))
     assert leap_to_json(leap_from_keys(leap_to_json(box), "x")) == leap_to_json(box)
     refused = next(

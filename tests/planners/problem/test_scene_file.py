@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import builtin_scenes, read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
@@ -61,7 +61,7 @@ def test_a_scene_is_laid_out_as_its_phases_say(name):
 @pytest.mark.parametrize("name", ["anymal-stairs", "anymal-trot"])
 def test_a_scene_is_planned_within_its_own_polytopes(name, programs):
     course = read_course(name)
-    plan = TwoStageCoursePlanner(programs=programs).solve(course).plan
+    plan = TwoStageCoursePlanner(programs=programs).solve(course).solution
     assert check_plan(plan).accepted
     feet = {put.limb: toe for put, toe in zip(course.footholds, plan.toes_m, strict=True) if put.frame == 0}
     for put, toe in zip(course.footholds, plan.toes_m, strict=True):

@@ -61,5 +61,5 @@ def dog_plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(DOG)
     outcome = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml"))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution

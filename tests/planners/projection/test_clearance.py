@@ -47,8 +47,8 @@ BEAM = {
 @pytest.fixture(scope="module")
 def beam() -> Plan:
     outcome = plan_with_reserve(TwoStageCoursePlanner(), build_course(spec_from(BEAM)))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 class Weightless(Kinematics):
@@ -141,8 +141,8 @@ def test_links_that_come_too_near_to_each_other_are_bent_apart(monkeypatch: pyte
     """Between walls thighs come to 30 mm of the body: what is too near is what is as near as the nearest, and .5
     mm more. Hips, always 25 mm from it, are left out."""
     outcome = TwoStageCoursePlanner().solve(read_course("walls"))
-    assert outcome.plan is not None
-    plan = with_joints(outcome.plan)
+    assert outcome.solution is not None
+    plan = with_joints(outcome.solution)
     solver = Kinematics(plan.course.robot)
     hips = tuple(("body", f"{limb}_hip") for limb in plan.course.robot.limb_names)
     monkeypatch.setattr(bodies, "_DRAWN_SO", {solver.model: bodies.Bodies(solver).drawn_so + hips})

@@ -67,7 +67,7 @@ def test_cost_is_the_objective_of_the_finished_plan(climb, programs):
     planner = TwoStageCoursePlanner(programs=programs)
     for course in (climb(1), climb(4, regions=2, ice=0.4), climb(2, frames=1)):
         outcome = planner.solve(course)
-        found, length = outcome.plan, course.length_scale_m
+        found, length = outcome.solution, course.length_scale_m
         point = Point(
             com=found.com_m / length, rotation=found.rotation_rad, toes=found.toes_m / length,
             forces=np.zeros((1, 3)), residual=0.0,

@@ -17,8 +17,8 @@ from stancekit.planners.verify import check_plan
 @pytest.fixture(scope="module")
 def climb() -> Plan:
     outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=3))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Plan) -> None:

@@ -37,8 +37,8 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(WAVE)
     outcome = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml"))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 def shares(plan: Plan, stance: int) -> Array:
@@ -54,7 +54,7 @@ def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carrie
     assert len(threes) >= 8
     assert plan.provenance["press_share"] == 0.2
     assert all(shares(plan, stance).min() >= 0.2 - 1e-6 for stance in threes)
-    loose = plan_with_reserve(TwoStageCoursePlanner(), plan.course, presses=()).plan
+    loose = plan_with_reserve(TwoStageCoursePlanner(), plan.course, presses=()).solution
     assert loose is not None
     assert "press_share" not in loose.provenance
     assert min(shares(loose, stance).min() for stance in threes) < 0.01

@@ -124,8 +124,8 @@ def test_torques_of_loads_are_the_torques(plan: Plan) -> None:
 
 def test_a_plan_of_drawn_up_legs_gets_joints_too(tmp_path: Path) -> None:
     outcome = TwoStageCoursePlanner().solve(read_course("stairs", frames=2))
-    assert outcome.plan is not None
-    jointed = with_joints(outcome.plan)
+    assert outcome.solution is not None
+    jointed = with_joints(outcome.solution)
     assert jointed.joints_rad is not None
     assert jointed.joints_rad.shape == (2, 24)
     assert check_plan(jointed, joints=True).accepted
@@ -135,8 +135,8 @@ def test_a_plan_of_drawn_up_legs_gets_joints_too(tmp_path: Path) -> None:
 def climb() -> Plan:
     """Between walls; its largest torque is 20 Nm."""
     outcome = plan_with_reserve(TwoStageCoursePlanner(), read_course("walls"))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 def test_a_climb_is_bent_to_what_its_servos_have(climb: Plan) -> None:

@@ -29,8 +29,8 @@ SMALL = 1e-6
 @pytest.fixture(scope="module")
 def walls() -> Plan:
     outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=3))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 @pytest.fixture(params=["drawn up", "of a file"])

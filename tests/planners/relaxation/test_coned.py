@@ -21,7 +21,7 @@ def held(programs):
     found, rng = [], np.random.default_rng(4)
     while len(found) < 6:
         problem = DISTRIBUTIONS["wall-3"].sample(rng)
-        posture = ExactPlanner(programs=programs).solve(problem).posture
+        posture = ExactPlanner(programs=programs).solve(problem).solution
         if posture is not None:
             scaled = Scaled.of(problem)
             frames = [contact.patch.frame for contact in problem.contacts]

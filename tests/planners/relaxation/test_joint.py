@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
@@ -25,7 +25,7 @@ def problems(programs, drawn):
     found = []
     for seed in range(40):
         outcome, scaled = ExactPlanner(programs=programs).solve(drawn("wall-3", seed)), Scaled.of(drawn("wall-3", seed))
-        found.append((scaled, scaled.point(outcome.posture) if outcome.status is Status.FEASIBLE else None))
+        found.append((scaled, scaled.point(outcome.solution) if outcome.status is Status.FEASIBLE else None))
     return found
 
 

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import Certificate, Posture
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.rows import Rows

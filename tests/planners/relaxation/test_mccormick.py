@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -32,7 +32,7 @@ def witnesses(programs, drawn):
         outcome = ExactPlanner(programs=programs).solve(drawn("wall-3", seed))
         if outcome.status is Status.FEASIBLE:
             scaled = Scaled.of(drawn("wall-3", seed))
-            found.append((scaled, scaled.point(outcome.posture)))
+            found.append((scaled, scaled.point(outcome.solution)))
     assert len(found) >= 15
     return found
 

@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.learners.selectors.modes import learn_modes
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course, read_spec
@@ -144,7 +144,7 @@ def _normal(course, stance, limb):
 def test_world_points_are_the_forces_of_the_postures(programs, drawn):
     problems = [drawn("wall-3", seed) for seed in range(12)]
     outcomes = [ExactPlanner(programs=programs).solve(problem) for problem in problems]
-    found = [(p, o.posture) for p, o in zip(problems, outcomes, strict=True) if o.posture is not None]
+    found = [(p, o.solution) for p, o in zip(problems, outcomes, strict=True) if o.solution is not None]
     assert found
     points = np.array([Scaled.of(problem).point(posture) for problem, posture in found])
     turned = world_points([problem for problem, _ in found], points)

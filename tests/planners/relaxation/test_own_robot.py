@@ -37,7 +37,7 @@ def feasible(drawn, count: int) -> list[tuple[PostureProblem, np.ndarray]]:
     found, planner = [], ExactPlanner()
     for seed in range(60):
         problem = walled(drawn("ground-3", seed))
-        posture = planner.solve(problem).posture
+        posture = planner.solve(problem).solution
         if posture is not None:
             found.append((problem, Scaled.of(problem).point(posture)))
         if len(found) == count:

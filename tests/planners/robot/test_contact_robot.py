@@ -46,8 +46,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def plan(folder: Path) -> Plan:
     outcome = TwoStageCoursePlanner().solve(read_course(folder / "step.yaml"))
-    assert outcome.plan is not None, outcome.message
-    return outcome.plan
+    assert outcome.solution is not None, outcome.message
+    return outcome.solution
 
 
 def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> None:
@@ -130,7 +130,7 @@ def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does
     (folder / "loose.yaml").write_text(f"{COURSE}weights: {{com_path: 0.0}}\n")
     loose = read_course(folder / "loose.yaml")
     assert (course.weights.com_path, loose.weights.com_path, read_course("walls").weights.com_path) == (0.1, 0.0, 0.0)
-    near, far = (TwoStageCoursePlanner().solve(each).plan for each in (course, loose))
+    near, far = (TwoStageCoursePlanner().solve(each).solution for each in (course, loose))
     assert near is not None
     assert far is not None
     off_m = [np.linalg.norm(each.com_m - each.course.com_nominal_m, axis=1).mean() for each in (near, far)]

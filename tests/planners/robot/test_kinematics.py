@@ -34,8 +34,8 @@ def kinematics() -> Kinematics:
 @pytest.fixture(scope="module")
 def plan() -> Plan:
     outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=3))
-    assert outcome.plan is not None
-    return outcome.plan
+    assert outcome.solution is not None
+    return outcome.solution
 
 
 def foot_by_hand(limb: int, angles: np.ndarray) -> np.ndarray:

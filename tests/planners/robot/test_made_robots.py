@@ -51,7 +51,7 @@ def planned(path: Path, model: RobotModel) -> tuple[Any, Any]:
     )
     course = read_course(path.parent / "course.yaml")
     outcome = plan_course(course, make_course_planner("two-stage"))
-    return outcome.plan, outcome.report
+    return outcome.solution, outcome.report
 
 
 def test_there_are_sixty_of_which_most_are_sound() -> None:

@@ -50,7 +50,7 @@ def test_a_course_says_the_mass_of_its_robots_file_and_its_plan_is_read_again(tm
     )
     course = read_course(tmp_path / "course.yaml")
     assert course.weight_n == pytest.approx(9.81 * mass)
-    plan = TwoStageCoursePlanner().solve(course).plan
+    plan = TwoStageCoursePlanner().solve(course).solution
     assert plan is not None
     carried = plan.forces_n.sum(axis=1)
     assert carried == pytest.approx(np.tile([0.0, 0.0, 9.81 * mass], (len(carried), 1)), abs=1e-3)

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.search.choice import ChoiceSearch, Limits, _preference, nearest
 from stancekit.planners.search.clock import Clock
@@ -107,10 +107,10 @@ def test_a_limit_of_solves_gives_the_same_answer_on_a_busy_computer(climb, progr
     planner = TwoStageCoursePlanner(programs=programs, gap=1e-4, max_solves=most, time_limit_s=1e6)
     calm = planner.solve(course)
     assert calm.message == f"the search for patches met its limit ({most} solves)"
-    assert most <= calm.solves <= most + 12  # it is looked at between projections, which take some
+    assert most <= calm.effort.solves <= most + 12  # it is looked at between projections, which take some
     late = itertools.count()
     monkeypatch.setattr("stancekit.planners.search.clock.time.perf_counter", lambda: float(next(late)))
     busy = planner.solve(course)
-    assert (busy.status, busy.solves, busy.message) == (calm.status, calm.solves, calm.message)
+    assert (busy.status, busy.effort.solves, busy.message) == (calm.status, calm.effort.solves, calm.message)
     np.testing.assert_array_equal((busy.objective, busy.bound), (calm.objective, calm.bound))
-    assert busy.seconds > 5.0 * max(calm.seconds, 0.1)
+    assert busy.effort.seconds > 5.0 * max(calm.effort.seconds, 0.1)

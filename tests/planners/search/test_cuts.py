@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import plan_of
@@ -49,7 +49,7 @@ def test_a_posture_gets_the_same_verdict_as_a_course_of_one_frame(programs, draw
     )
     assert posture.status is plan.status is not Status.UNDECIDED
     if plan.status is Status.FEASIBLE:
-        assert check_plan(plan.plan).accepted
+        assert check_plan(plan.solution).accepted
         return
     assert check_certificate(course, plan.certificate).accepted
     assert check_certificate(course, posture.certificate).accepted  # either proof is one of the other

@@ -8,7 +8,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course import StepLimits

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.courses import perturbed
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
@@ -34,7 +34,7 @@ def learned(programs, drawn):
         problems, points = [], []
         for seed in range(count):
             problem = drawn(name, seed)
-            posture = ExactPlanner(programs=programs).solve(problem).posture
+            posture = ExactPlanner(programs=programs).solve(problem).solution
             if posture is not None:
                 problems.append(problem)
                 points.append(Scaled.of(problem).point(posture))
@@ -146,10 +146,10 @@ def test_the_hard_form_has_an_answer_exactly_where_the_margin_is_not_positive(le
 def test_an_envelope_around_a_plan_admits_it_so_that_p1_costs_no_more(axes, programs):
     course = perturbed("walls", np.random.default_rng(3), frames=3)
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
-    assert outcome.plan is not None
-    scaled, points = Scaled.of(course), points_of(outcome.plan)
+    assert outcome.solution is not None
+    scaled, points = Scaled.of(course), points_of(outcome.solution)
     if axes == "world":
-        frames = scaled.chosen(outcome.plan.choice).contact_frames
+        frames = scaled.chosen(outcome.solution.choice).contact_frames
         points[:, 3:] = np.einsum("bij,bj->bi", frames, points[:, 3:])
     domain = domain_of(scaled, axes)
     assert np.all(points >= domain.low - 1e-7)
@@ -192,7 +192,7 @@ def test_of_several_envelopes_the_one_that_fits_is_taken(learned, programs):
     several = replace(learned["wall-3"], envelopes=(away, box))
     outcome = EnvelopeCoursePlanner(several, programs=programs).solve(read_course("walls", frames=2))
     assert outcome.status is Status.FEASIBLE, outcome.message
-    assert outcome.plan.modes is None  # envelopes of one terrain are no modes
+    assert outcome.solution.modes is None  # envelopes of one terrain are no modes
 
 
 def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learned, programs):

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.scaled import Scaled, cones_met
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Contact, PostureProblem
@@ -159,7 +160,7 @@ def test_feet_that_are_all_on_one_side_of_the_com_do_not_pull(programs, friction
     outcome = ExactPlanner(programs=programs, max_nodes=100).solve(problem_of(*feet))
     confirm(problem_of(*feet), outcome)
     assert outcome.status is Status.INFEASIBLE
-    assert outcome.lower_bound == pytest.approx(0.25, rel=1e-4)
+    assert outcome.bound == pytest.approx(0.25, rel=1e-4)
 
 
 @pytest.mark.parametrize("scene", [("wall-3", 0), ("wall-3", 39), ("ground-3", 42), ("ground-3", 88)], ids=str)
@@ -219,7 +220,7 @@ def test_at_the_node_limit_it_is_undecided(programs, planner, drawn):
         confirm(problem, outcome)
         assert outcome.status is Status.UNDECIDED
         assert outcome.message == "stopped at the time, node or solver limit"
-        assert outcome.lower_bound == 0.0
+        assert outcome.bound == 0.0
 
 
 def test_at_the_time_limit_it_is_undecided(programs, drawn):
@@ -415,7 +416,7 @@ def test_a_box_of_no_size_about_a_plans_forces_makes_the_lift_exact(climb, progr
     outcome = TwoStageCoursePlanner(programs=programs, gap=1e-4).solve(course)
     whole = part = Scaled.of(course)
     stance, limb, foothold = whole.layout.contacts
-    forces = np.einsum("bji,bj->bi", whole.frames[foothold], outcome.plan.forces_n[stance, limb] / course.weight_n)
+    forces = np.einsum("bji,bj->bi", whole.frames[foothold], outcome.solution.forces_n[stance, limb] / course.weight_n)
     for b, f in enumerate(forces):
         for axis in range(3):
             part = split(split(part, b, axis, f[axis] + 1e-4)[0], b, axis, f[axis] - 1e-4)[1]

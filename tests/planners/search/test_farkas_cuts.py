@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stancekit.planners.answer.outcome import Certificate
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.lift import solve_lift

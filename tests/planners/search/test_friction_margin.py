@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.problem.course import Course
 from stancekit.planners.search.answer import TimeLimited
 from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
@@ -22,21 +21,21 @@ class Picky:
     def __init__(self, plan: Plan, friction: float) -> None:
         self.plan, self.friction, self.asked = plan, friction, list[float]()
 
-    def solve(self, course: Course) -> PlanOutcome:
+    def solve(self, course: Course) -> Answer[Plan]:
         friction = course.footholds[0].candidates[0].friction
         self.asked.append(friction)
         if friction < self.friction:
-            return PlanOutcome(status=Status.INFEASIBLE, method=self.name, message="too slippery")
-        return PlanOutcome(status=Status.FEASIBLE, method=self.name, plan=replace(self.plan, course=course))
+            return Answer(status=Status.INFEASIBLE, method=self.name, message="too slippery")
+        return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, course=course))
 
 
 def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(walk: Callable[..., Plan]) -> None:
     plan = walk()
     planner = Picky(plan, 0.85 * plan.course.footholds[0].candidates[0].friction)
     outcome = plan_with_reserve(planner, plan.course)
-    assert outcome.plan is not None
-    assert outcome.plan.course is plan.course
-    assert outcome.plan.provenance["friction_share"] == 0.9
+    assert outcome.solution is not None
+    assert outcome.solution.course is plan.course
+    assert outcome.solution.provenance["friction_share"] == 0.9
     assert len(planner.asked) == 2
 
 
@@ -65,10 +64,10 @@ def test_one_time_limit_is_for_all_shares_together(walk: Callable[..., Plan], mo
         name: str = "slow"
         time_limit_s: float = 10.0
 
-        def solve(self, course: Course) -> PlanOutcome:
+        def solve(self, course: Course) -> Answer[Plan]:
             given.append((float(course.terrain[0].friction), self.time_limit_s))
             now[0] += self.time_limit_s
-            return PlanOutcome(status=Status.UNDECIDED, method=self.name)
+            return Answer(status=Status.UNDECIDED, method=self.name)
 
     monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
     course, planner = walk().course, Slow()
@@ -90,10 +89,10 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
         def __init__(self) -> None:
             self.asked = list[float]()
 
-        def solve(self, course: Course) -> PlanOutcome:
+        def solve(self, course: Course) -> Answer[Plan]:
             self.asked.append(float(course.terrain[0].friction))
             now[0] += 4.0
-            return PlanOutcome(status=Status.UNDECIDED, method=self.name)
+            return Answer(status=Status.UNDECIDED, method=self.name)
 
     monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
     course, planner = walk().course, Foreign()

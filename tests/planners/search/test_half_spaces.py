@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.problem.course import Course
@@ -179,8 +181,8 @@ def planned(ragged, bounded, programs):
     for seed in range(20):
         course = bounded(ragged(seed, frames=3, ice=0.0), seed, 0.15)
         outcome = TwoStageCoursePlanner(programs=programs).solve(course)
-        if outcome.plan is not None:
-            return outcome.plan
+        if outcome.solution is not None:
+            return outcome.solution
     raise AssertionError("no course has a plan")
 
 

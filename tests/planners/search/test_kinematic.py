@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
@@ -82,8 +82,8 @@ def test_what_has_no_forces_is_refused_as_planned_and_accepted_where_forces_are_
     assert outcome.details["as_planned"] == 0.0
     assert "moment_balance" in outcome.message
     assert (outcome.status is Status.FEASIBLE) == bool(outcome.details["freed"])
-    assert outcome.plan is not None
-    assert check_plan(outcome.plan).accepted
+    assert outcome.solution is not None
+    assert check_plan(outcome.solution).accepted
 
 
 def test_a_course_without_positions_is_claimed_not_proved():

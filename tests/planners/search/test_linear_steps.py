@@ -62,7 +62,7 @@ def test_the_lift_is_that_of_the_reference_and_below_every_plan(turning, program
         mine, theirs = (solve_lift(each, scaled, least_moment=False) for each in (programs, reference))
         assert mine.status is theirs.status
         plan = TwoStageCoursePlanner(programs=programs).solve(limited(course, YAW_RAD))
-        if plan.plan is not None:
+        if plan.solution is not None:
             compared += 1
             assert mine.bound == pytest.approx(theirs.bound, rel=1e-4, abs=1e-8)
             assert mine.bound * course.length_scale_m**2 <= plan.objective + 1e-9
@@ -80,14 +80,14 @@ def pinned(climb):
 def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan(pinned, programs):
     planner, rng = TwoStageCoursePlanner(programs=programs, time_limit_s=10.0), np.random.default_rng(4)
     tight = limited(pinned, 0.0)
-    assert planner.solve(pinned).plan is not None
+    assert planner.solve(pinned).solution is not None
     proof = planner.solve(tight).certificate
     assert check_certificate(tight, proof).accepted
     weights = Multipliers.of(Schedule.of_course(tight), proof.multipliers).linear_step
     assert weights.max() > 0.1
     assert weights.min() >= 0.0
     wide = limited(pinned, 0.3)
-    assert planner.solve(wide).plan is not None
+    assert planner.solve(wide).solution is not None
     for scale in (0.0, 0.01, 0.1, 1.0):
         for _ in range(20):
             noise = rng.normal(scale=scale, size=proof.multipliers.shape)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.exact import ExactPlanner
@@ -34,11 +34,11 @@ def test_every_method_answers_with_evidence_and_never_against_the_exact_one(meth
     for problem, status in zip(problems, truth, strict=True):
         outcome = planner.solve(problem)
         assert outcome.status in (status, Status.UNDECIDED)
-        assert (outcome.posture is not None) == (outcome.status is Status.FEASIBLE)
+        assert (outcome.solution is not None) == (outcome.status is Status.FEASIBLE)
         assert (outcome.certificate is not None) == (outcome.status is Status.INFEASIBLE)
-        assert outcome.posture is None or check_posture(problem, outcome.posture).accepted
+        assert outcome.solution is None or check_posture(problem, outcome.solution).accepted
         assert outcome.certificate is None or check_certificate(problem, outcome.certificate).accepted
-        assert outcome.seconds > 0.0
+        assert outcome.effort.seconds > 0.0
 
 
 def test_an_unknown_method_is_refused():

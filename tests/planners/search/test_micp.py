@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.reference import p1
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -115,7 +115,7 @@ def test_the_grid_leaves_no_posture_out(feasible):
         outcome = planner.solve(problem)
         assert outcome.claim == "feasible"
         assert outcome.status is Status.FEASIBLE
-        assert check_posture(problem, outcome.posture).accepted
+        assert check_posture(problem, outcome.solution).accepted
 
 
 def test_the_domain_holds_every_witness(scenes):
@@ -254,7 +254,7 @@ def test_a_claim_becomes_a_plan_that_the_verifier_accepts(solver, walls):
     outcome = MicpPlanner(solver=solver).solve(walls)
     assert (outcome.status, outcome.claim) == (Status.FEASIBLE, "feasible")
     assert outcome.details["binaries"] == 3 * 6 * 2  # 3 limbs carry, 6 components each, log₂ 4 binaries a component
-    assert check_plan(outcome.plan).accepted
+    assert check_plan(outcome.solution).accepted
 
 
 def test_patches_are_chosen_by_binaries():
@@ -264,7 +264,7 @@ def test_patches_are_chosen_by_binaries():
     assert outcome.details["binaries"] == 36 + 4 * 6
     carrying = [course.holds[0, limb] for limb in course.stances[0].limbs]
     assert any(len({patch.friction for patch in course.footholds[p].candidates}) == 2 for p in carrying)
-    assert all(course.patch(p, outcome.plan.choice).friction > 0.0 for p in carrying)  # three limbs, all needed
+    assert all(course.patch(p, outcome.solution.choice).friction > 0.0 for p in carrying)  # three limbs, all needed
 
 
 def test_candidates_of_several_frames_share_the_axes_of_the_world(ragged):
@@ -272,7 +272,7 @@ def test_candidates_of_several_frames_share_the_axes_of_the_world(ragged):
     outcome = MicpPlanner(grid=TWO, time_limit_s=30.0).solve(course)
     assert outcome.claim == "feasible", outcome.message
     assert outcome.status is Status.FEASIBLE, outcome.message
-    assert len(set(outcome.plan.choice.tolist())) > 1
+    assert len(set(outcome.solution.choice.tolist())) > 1
 
 
 def test_minimising_the_objective_bounds_it_from_below(walls):
@@ -300,8 +300,8 @@ def test_an_answer_does_not_depend_on_the_ones_before_it(feasible):
     planner = MicpPlanner(grid=TWO)
     (first, _), (second, _) = feasible[:2]
     one, _, again = (planner.solve(problem) for problem in (first, second, first))
-    np.testing.assert_array_equal(one.posture.toes_m, again.posture.toes_m)
-    np.testing.assert_array_equal(one.posture.forces_n, again.posture.forces_n)
+    np.testing.assert_array_equal(one.solution.toes_m, again.solution.toes_m)
+    np.testing.assert_array_equal(one.solution.forces_n, again.solution.forces_n)
 
 
 def test_the_program_that_postures_share_is_the_one_written_for_each_of_them(scenes):

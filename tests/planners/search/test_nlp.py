@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -43,7 +43,7 @@ def test_it_finds_a_verified_witness_exactly_where_there_is_one(scenes, programs
         outcome = planner.solve(problem)
         assert (outcome.status is Status.FEASIBLE) == (exact.status is Status.FEASIBLE)
         if outcome.status is Status.FEASIBLE:
-            assert check_posture(problem, outcome.posture).accepted
+            assert check_posture(problem, outcome.solution).accepted
             assert outcome.claim == "Solve_Succeeded"
         else:
             assert outcome.status is Status.UNDECIDED
@@ -93,11 +93,11 @@ def test_it_plans_what_the_two_stage_planner_plans_and_nothing_that_is_refuted(s
         ours, theirs = planner.solve(course), best.solve(course)
         if theirs.status is Status.INFEASIBLE:
             assert ours.status is Status.UNDECIDED
-            assert ours.plan is None
+            assert ours.solution is None
             assert ours.message == f"no witness from 1 starts; IPOPT said {ours.claim}"
             refuted += 1
         elif ours.status is Status.FEASIBLE:
-            assert check_plan(ours.plan).accepted
+            assert check_plan(ours.solution).accepted
             assert ours.claim == "Solve_Succeeded"
             assert ours.objective >= theirs.bound - 1e-8
             # Both are local where the lift is not tight; they meet on nearly all of these.
@@ -111,9 +111,9 @@ def test_a_built_in_course_of_one_frame_and_one_with_choices(programs):
     for name, frames in (("walls", 1), ("icy-walls", 2)):
         outcome = planner.solve(read_course(name, frames=frames))
         assert outcome.status is Status.FEASIBLE
-        assert check_plan(outcome.plan).accepted
-        assert 0.0 < outcome.solver_seconds <= outcome.seconds
-    friction = [outcome.plan.course.patch(p, outcome.plan.choice).friction for p in range(len(outcome.plan.toes_m))]
+        assert check_plan(outcome.solution).accepted
+        assert 0.0 < outcome.effort.solver_s <= outcome.effort.seconds
+    friction = [outcome.solution.course.patch(p, outcome.solution.choice).friction for p in range(len(outcome.solution.toes_m))]
     assert min(friction) > 0.0
 
 
@@ -137,7 +137,7 @@ def test_starts_are_the_centroids_and_then_seeded_points_of_the_patches(drawn):
 def test_a_limit_leaves_the_problem_undecided(scenes, ragged, programs):
     problem = next(problem for problem, outcome in scenes if outcome.status is Status.FEASIBLE)
     few = NlpPlanner(max_iterations=1, starts=2).solve(problem)
-    assert (few.status, few.claim, few.solves) == (Status.UNDECIDED, "Maximum_Iterations_Exceeded", 2)
+    assert (few.status, few.claim, few.effort.solves) == (Status.UNDECIDED, "Maximum_Iterations_Exceeded", 2)
     course = ragged(2, candidates=1, ice=0.0)
     assert solve_lift(programs, Scaled.of(course), least_moment=False).bound < np.inf
     for some in (problem, course):
@@ -150,7 +150,7 @@ def test_programs_are_shared_by_courses_of_one_layout():
     planner = NlpPlanner()
     first = planner.solve(course)
     again = planner.solve(replace(course, name="other"))
-    assert again.compile_s < 0.1 * first.compile_s
+    assert again.effort.compile_s < 0.1 * first.effort.compile_s
 
 
 def test_it_prints_nothing(scenes, capfd):

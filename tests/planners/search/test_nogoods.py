@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.search.clock import Clock
@@ -170,4 +171,4 @@ def test_among_patches_of_which_most_cannot_be_held_the_search_finds_one_that_ca
     assert len(search._nogoods.entries) > 0
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
     assert outcome.status is Status.FEASIBLE
-    assert check_plan(outcome.plan).accepted
+    assert check_plan(outcome.solution).accepted

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.plan_outcome import PlanOutcome
 from stancekit.planners.errors import TimeEnded
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
@@ -95,7 +94,7 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
 
 def test_replanning_a_window_proves_over_outer_sets_too(high: Callable[[float], Path]) -> None:
     course = read_course(high(0.5))
-    state = Standing.at_end(replan(None, course, horizon=1).plan)
+    state = Standing.at_end(replan(None, course, horizon=1).solution)
     raised = replace(course, com_nominal_m=course.com_nominal_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.08]]))
     lifted = replan(state, raised, frame=1)
     far = replan(state, replace(raised, com_nominal_m=raised.com_nominal_m + 0.2 * np.eye(3)[2]), frame=1)
@@ -130,13 +129,13 @@ class Walked:
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
 
-    def solve(self, course: Course) -> PlanOutcome:
-        return PlanOutcome(status=Status.FEASIBLE, method=self.name, plan=replace(self.plan, course=course))
+    def solve(self, course: Course) -> Answer[Plan]:
+        return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, course=course))
 
 
 @pytest.fixture(scope="module")
 def climb() -> Plan:
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=3)).plan
+    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=3)).solution
     assert plan is not None
     return plan
 
@@ -147,24 +146,24 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
     now = [100.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     none = plan_course(climb.course, Walked(climb), deadline=100.0)
-    assert (none.status, none.plan) == (Status.UNDECIDED, None)
+    assert (none.status, none.solution) == (Status.UNDECIDED, None)
     assert none.message == "the time limit ended before the search for contacts began"
 
     class Slow(Walked):
         """One whose search takes all of the time."""
 
-        def solve(self, course: Course) -> PlanOutcome:
+        def solve(self, course: Course) -> Answer[Plan]:
             now[0] += 30.0
             return super().solve(course)
 
     late = plan_course(climb.course, Slow(climb), deadline=110.0)
     assert late.status is Status.UNDECIDED
     assert late.message == "the time limit ended before joints, torque, bodies, motion could be judged, contacts hold"
-    assert late.plan is not None
+    assert late.solution is not None
     assert late.report is not None
     assert late.report.contacts
     assert late.report.message.startswith("accepted as far as checked: joints, torque, bodies and motion are not; ")
-    assert check_plan(late.plan, joints=True).accepted  # with time there is nothing against it
+    assert check_plan(late.solution, joints=True).accepted  # with time there is nothing against it
 
 
 def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_bodies(
@@ -177,8 +176,8 @@ def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_b
 
     monkeypatch.setattr(whole_body, "check_plan", ended)
     outcome = plan_course(climb.course, Walked(climb), limits=WholeBodyLimits())
-    assert outcome.plan is not None
-    assert outcome.plan.joints_rad is not None
+    assert outcome.solution is not None
+    assert outcome.solution.joints_rad is not None
     assert math.isnan(outcome.details["depth_m"])
     assert outcome.status is Status.FEASIBLE  # the verifier had the time
 
@@ -187,10 +186,10 @@ def test_a_claim_of_a_planner_from_elsewhere_is_not_believed(climb: Plan) -> Non
     class Liar(Walked):
         """One whose robot floats."""
 
-        def solve(self, course: Course) -> PlanOutcome:
+        def solve(self, course: Course) -> Answer[Plan]:
             plan = replace(self.plan, course=course, forces_n=0.0 * self.plan.forces_n)
-            return PlanOutcome(status=Status.FEASIBLE, method=self.name, plan=plan)
+            return Answer(status=Status.FEASIBLE, method=self.name, solution=plan)
 
     outcome = stancekit.plan(climb.course, Liar(climb))
-    assert (outcome.status, outcome.plan) == (Status.UNDECIDED, None)
+    assert (outcome.status, outcome.solution) == (Status.UNDECIDED, None)
     assert outcome.message.startswith("plan refused: rejected: worst is force_balance")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -60,7 +60,7 @@ def test_a_status_is_always_one_of_the_whole_problem(programs, truth, learned, p
         assert outcome.method == planner.name
         if outcome.status is Status.FEASIBLE:
             assert exact.status is Status.FEASIBLE
-            assert check_posture(problem, outcome.posture).accepted
+            assert check_posture(problem, outcome.solution).accepted
             assert outcome.claim == "feasible"
         elif outcome.status is Status.INFEASIBLE:
             assert exact.status is Status.INFEASIBLE
@@ -68,7 +68,7 @@ def test_a_status_is_always_one_of_the_whole_problem(programs, truth, learned, p
             assert outcome.claim == "infeasible"
             assert outcome.message == ""
         else:
-            assert outcome.posture is outcome.certificate is None
+            assert outcome.solution is outcome.certificate is None
             assert outcome.message
     assert seen[Status.INFEASIBLE] >= (6 if with_box else 14)  # with a box only what is trivial
     if projection is not None:
@@ -95,7 +95,7 @@ def test_a_box_that_refuses_a_problem_proves_nothing(programs, truth, learned, m
         refused += 1
         assert outcome.status is Status.UNDECIDED
         assert outcome.message == NO_PROOF
-        assert outcome.lower_bound == 0.0
+        assert outcome.bound == 0.0
         assert outcome.details["margin"] > 0.1
     assert refused >= 15
 
@@ -108,7 +108,7 @@ def test_what_no_box_can_help_comes_with_the_lifts_certificate(programs, truth, 
             trivial += 1
             outcome = planner.solve(problem)
             assert outcome.status is Status.INFEASIBLE
-            assert outcome.lower_bound == outcome.details["margin"] == np.inf
+            assert outcome.bound == outcome.details["margin"] == np.inf
             assert check_certificate(problem, outcome.certificate).figures["lower_bound"] == np.inf
     assert trivial >= 8
 
@@ -171,9 +171,9 @@ def test_a_relaxation_that_was_not_solved_is_told(truth, learned, programs, monk
 def test_every_convex_solve_is_counted(programs, truth, learned):
     boxes = boxed(learned, *learned.envelopes, point_box(0.0))
     planner = make_planner("p1", PlannerOptions(programs=programs), envelopes=boxes)
-    assert planner.solve(truth[0][0]).solves == 3
+    assert planner.solve(truth[0][0]).effort.solves == 3
     trivial = next(problem for problem, exact in truth if exact.details["trivial"])
-    assert planner.solve(trivial).solves == 4  # and the lift, for its certificate
+    assert planner.solve(trivial).effort.solves == 4  # and the lift, for its certificate
 
 
 def test_no_claim_is_believed(truth):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.search.batch import solve_all
@@ -153,7 +153,7 @@ def test_a_proof_that_is_too_weak_for_the_gap_settles_nothing(programs):
     for outcome, was in zip(solve_all(planner, batch), before, strict=True):
         if 0.0 < was.lower_bound < np.inf:
             looked += 1
-            assert outcome.status is not Status.INFEASIBLE or outcome.lower_bound > planner.acceptance.gap
+            assert outcome.status is not Status.INFEASIBLE or outcome.bound > planner.acceptance.gap
     assert looked == len(finite) > 5
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
@@ -90,7 +91,7 @@ def test_a_half_space_that_cuts_a_step_off_decides_it_to_a_millimetre(ragged, pr
 
 def test_a_toe_that_is_drawn_away_is_a_foot_out_of_reach(ragged, paired, programs):
     planner = TwoStageCoursePlanner(programs=programs, time_limit_s=10.0)
-    plans = [planner.solve(paired(ragged(seed, frames=2), seed, 0.2)).plan for seed in SEEDS]
+    plans = [planner.solve(paired(ragged(seed, frames=2), seed, 0.2)).solution for seed in SEEDS]
     plan = next(plan for plan in plans if plan is not None)
     toes = plan.toes_m.copy()
     toes[-1] += 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
@@ -34,12 +34,12 @@ def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
     while frame < course.frames - 1:
         outcome = replan(state, course, frame=frame, horizon=2)
         assert outcome.status is Status.FEASIBLE
-        assert outcome.plan.course.frames == 3 - (frame + 2 > course.frames - 1)
+        assert outcome.solution.course.frames == 3 - (frame + 2 > course.frames - 1)
         if state is not None:
-            np.testing.assert_array_equal(outcome.plan.toes_m[: len(state.toes_m)], state.toes_m)
-            assert np.linalg.norm(outcome.plan.com_m[0] - state.com_m) <= 1.001e-4
-        plans.append(outcome.plan)
-        state, frame = Standing.at_end(outcome.plan), frame + outcome.plan.course.frames - 1
+            np.testing.assert_array_equal(outcome.solution.toes_m[: len(state.toes_m)], state.toes_m)
+            assert np.linalg.norm(outcome.solution.com_m[0] - state.com_m) <= 1.001e-4
+        plans.append(outcome.solution)
+        state, frame = Standing.at_end(outcome.solution), frame + outcome.solution.course.frames - 1
     walk = joined(course, plans)
     assert walk.course.frames == course.frames
     assert check_plan(walk).accepted
@@ -48,13 +48,13 @@ def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
 def test_it_is_the_planner_on_the_window_and_without_a_horizon_on_all_that_is_left(course):
     first = replan(None, course)
     same(first, TwoStageCoursePlanner().solve(course_window(course, 0, course.frames - 1)))
-    state = Standing.at_end(replan(None, course, horizon=2).plan)
+    state = Standing.at_end(replan(None, course, horizon=2).solution)
     window = course_window(course, 2, course.frames - 1, state)
     same(replan(state, course, frame=2), TwoStageCoursePlanner().solve(window))
 
 
 def test_the_answer_depends_on_the_arguments_alone(course, climb, rough):
-    state = Standing.at_end(replan(None, course, horizon=2).plan)
+    state = Standing.at_end(replan(None, course, horizon=2).solution)
     planner = TwoStageCoursePlanner(programs=Programs())
     first, kept = (replan(state, course, frame=2, horizon=2, planner=some) for some in (None, planner))
     same(first, kept)
@@ -76,27 +76,27 @@ def test_a_policy_is_asked_for_the_window_and_its_planner_answers(course):
 
     outcome = replan(None, course, horizon=1, planner=policy)
     assert [window.frames for window in seen] == [2]
-    assert outcome.plan.provenance["projection"] == "fix-toes"
+    assert outcome.solution.provenance["projection"] == "fix-toes"
 
 
 def test_with_shares_it_keeps_a_reserve_of_friction_where_there_is_one(course):
     outcome = replan(None, course, horizon=1, shares=(0.01, 0.9, 1.0))
-    assert outcome.plan.provenance["friction_share"] == 0.9
-    assert check_plan(outcome.plan).accepted
+    assert outcome.solution.provenance["friction_share"] == 0.9
+    assert check_plan(outcome.solution).accepted
     window = slippery(course_window(course, 0, 1), 0.9)
-    np.testing.assert_array_equal(outcome.plan.com_m, TwoStageCoursePlanner().solve(window).plan.com_m)
+    np.testing.assert_array_equal(outcome.solution.com_m, TwoStageCoursePlanner().solve(window).solution.com_m)
 
 
 def test_a_frame_that_cannot_be_held_has_no_plan_and_a_proof(course):
-    state = Standing.at_end(replan(None, course, horizon=2).plan)
+    state = Standing.at_end(replan(None, course, horizon=2).solution)
     outcome = replan(state, slippery(course, 0.2), frame=2, horizon=1)
-    assert (outcome.status, outcome.plan) == (Status.INFEASIBLE, None)
+    assert (outcome.status, outcome.solution) == (Status.INFEASIBLE, None)
 
 
 def test_frames_that_there_are_not_are_refused(course):
     with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 1 to 3"):
         replan(None, course, frame=1, horizon=2)
-    state = Standing.at_end(replan(None, course, horizon=1).plan)
+    state = Standing.at_end(replan(None, course, horizon=1).solution)
     with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 6 to 5"):
         replan(state, course, frame=6)
     with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 2 to 1"):
@@ -118,11 +118,11 @@ def test_the_coming_frames_are_bent_to_what_joints_have_and_it_says_so(course):
         assert outcome.details["torque_nm"] <= 10.0
         assert outcome.details["depth_m"] <= 0.001
         bent += outcome.details["torque_nm_before"] > 10.0
-        report = check_plan(outcome.plan, joints=True)
+        report = check_plan(outcome.solution, joints=True)
         assert report.accepted
         assert report.checked[-1] == "motion"
         if state is not None:
-            np.testing.assert_allclose(outcome.plan.toes_m[: len(state.toes_m)], state.toes_m, atol=1e-9)
-            assert np.linalg.norm(outcome.plan.com_m[0] - state.com_m) <= 1.001e-4
-        state = Standing.at_end(outcome.plan)
+            np.testing.assert_allclose(outcome.solution.toes_m[: len(state.toes_m)], state.toes_m, atol=1e-9)
+            assert np.linalg.norm(outcome.solution.com_m[0] - state.com_m) <= 1.001e-4
+        state = Standing.at_end(outcome.solution)
     assert bent >= 1

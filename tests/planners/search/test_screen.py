@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.scaled import Point
 from stancekit.planners.projection.project import SURFACE, project

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -292,7 +294,7 @@ def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_co
         rough = replace(ragged(seed, frames=2, ice=0.1), tilt_limit_rad=0.05)
         course = soled(bounded(rough, seed, 0.15), seed)
         outcome = courses.solve(course)
-        plans += [] if outcome.plan is None else [course]
+        plans += [] if outcome.solution is None else [course]
         proofs += [] if outcome.certificate is None else [outcome.certificate]
         if outcome.certificate is not None:
             assert check_certificate(course, outcome.certificate).accepted
@@ -400,11 +402,11 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     plan = outcome.plan
     begin = replan(None, course, horizon=4)
     assert begin.status is Status.FEASIBLE
-    standing = Standing.at_end(begin.plan)
+    standing = Standing.at_end(begin.solution)
     assert len(standing.yaws_rad) == 2
     rest = replan(standing, course, frame=4)
     assert rest.status is Status.FEASIBLE
-    np.testing.assert_allclose(rest.plan.points_m[:2], begin.plan.points_m[begin.plan.course.holds[-1]], atol=1e-9)
+    np.testing.assert_allclose(rest.solution.points_m[:2], begin.solution.points_m[begin.solution.course.holds[-1]], atol=1e-9)
     with pytest.raises(InvalidInput, match="expected the yaws of the soles that stand, got none"):
         replan(replace(standing, yaws_rad=()), course, frame=4)
     assert len(plan.course.footholds) == 6

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -48,14 +48,14 @@ def test_a_status_is_always_one_that_the_verifier_confirms_whatever_the_projecti
         outcome, full = ours.solve(course), planner.solve(course)
         seen.add(outcome.status)
         if outcome.status is Status.FEASIBLE:
-            assert check_plan(outcome.plan).accepted
-            assert outcome.plan.provenance["projection"] == projection
+            assert check_plan(outcome.solution).accepted
+            assert outcome.solution.provenance["projection"] == projection
             assert full.status is not Status.INFEASIBLE
         elif outcome.status is Status.INFEASIBLE:
             assert check_certificate(course, outcome.certificate).accepted
             assert full.status is not Status.FEASIBLE
         else:
-            assert outcome.plan is outcome.certificate is None
+            assert outcome.solution is outcome.certificate is None
             assert outcome.message
     assert {Status.FEASIBLE, Status.INFEASIBLE} <= seen
 
@@ -101,8 +101,8 @@ def test_the_same_course_gets_the_same_plan_whatever_was_solved_before(climb, pr
     first = planner.solve(climb(1, **TORN))
     planner.solve(climb(3, **TORN))
     again = planner.solve(climb(1, **TORN))
-    np.testing.assert_array_equal(first.plan.com_m, again.plan.com_m)
-    np.testing.assert_array_equal(first.plan.toes_m, again.plan.toes_m)
+    np.testing.assert_array_equal(first.solution.com_m, again.solution.com_m)
+    np.testing.assert_array_equal(first.solution.toes_m, again.solution.toes_m)
 
 
 def test_neither_new_programs_nor_few_of_them_change_an_answer(climb, rough):
@@ -111,13 +111,13 @@ def test_neither_new_programs_nor_few_of_them_change_an_answer(climb, rough):
     for course in [*courses, *courses[::-1]]:
         said = [TwoStageCoursePlanner(programs=some).solve(course) for some in (Programs(), shared, few)]
         for other in said[1:]:
-            assert (other.status, other.solves) == (said[0].status, said[0].solves)
-            if other.plan is None:
+            assert (other.status, other.effort.solves) == (said[0].status, said[0].effort.solves)
+            if other.solution is None:
                 np.testing.assert_array_equal(other.certificate.tree, said[0].certificate.tree)
                 np.testing.assert_array_equal(other.certificate.multipliers, said[0].certificate.multipliers)
             else:
-                np.testing.assert_array_equal(other.plan.com_m, said[0].plan.com_m)
-                np.testing.assert_array_equal(other.plan.forces_n, said[0].plan.forces_n)
+                np.testing.assert_array_equal(other.solution.com_m, said[0].solution.com_m)
+                np.testing.assert_array_equal(other.solution.forces_n, said[0].solution.forces_n)
 
 
 def test_units_do_not_matter(climb, programs):
@@ -144,7 +144,7 @@ def test_no_claim_about_a_course_is_believed(climb, planner):
     assert (refuted.status, other.status) == (Status.INFEASIBLE, Status.INFEASIBLE)
 
     def accept(seed, **said):
-        return Acceptance().plan_outcome(climb(seed), Claim(**said), method="liar", clock=Clock.start())
+        return Acceptance().answer(climb(seed), Claim(**said), method="liar", clock=Clock.start())
 
     wrong = accept(1, certificate=refuted.certificate)
     assert (wrong.status, wrong.certificate) == (Status.UNDECIDED, None)

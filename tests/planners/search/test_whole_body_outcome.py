@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan_outcome import PlanOutcome
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
@@ -22,22 +22,22 @@ from stancekit.planners.search.whole_body_outcome import with_whole_body
 
 
 @pytest.fixture(scope="module")
-def planned() -> PlanOutcome:
+def planned() -> Answer[Plan]:
     return plan_with_reserve(TwoStageCoursePlanner(), read_course("walls", frames=4))
 
 
-def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(planned: PlanOutcome) -> None:
+def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(planned: Answer[Plan]) -> None:
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
     said = outcome.report
-    assert outcome.plan is not None
-    assert planned.plan is not None
+    assert outcome.solution is not None
+    assert planned.solution is not None
     assert said is not None
     assert outcome.status is Status.FEASIBLE
-    report = check_plan(outcome.plan, joints=True)
+    report = check_plan(outcome.solution, joints=True)
     assert report.accepted
-    assert said.answer is outcome.plan
+    assert said.answer is outcome.solution
     assert said.to_json() == report.to_json()
-    assert outcome.objective == objective_of(outcome.plan) != planned.objective
+    assert outcome.objective == objective_of(outcome.solution) != planned.objective
     assert outcome.residual <= 1e-6
     assert outcome.details["torque_nm"] == pytest.approx(report.group("torque").figures["torque_nm"])
     assert outcome.details["torque_nm"] <= 10.0 < outcome.details["torque_nm_before"]
@@ -45,41 +45,41 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(pla
     assert set(planned.details) <= set(outcome.details)
 
 
-def test_the_same_comes_of_the_library(planned: PlanOutcome) -> None:
+def test_the_same_comes_of_the_library(planned: Answer[Plan]) -> None:
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=12.0, share=0.8))
     same = stancekit.plan("walls", frames=4, body=stancekit.WholeBodyLimits(torque_nm=12.0, share=0.8))
-    assert outcome.plan is not None
-    assert same.plan is not None
-    np.testing.assert_array_equal(same.plan.com_m, outcome.plan.com_m)
-    np.testing.assert_array_equal(same.plan.joints_rad, outcome.plan.joints_rad)
+    assert outcome.solution is not None
+    assert same.solution is not None
+    np.testing.assert_array_equal(same.solution.com_m, outcome.solution.com_m)
+    np.testing.assert_array_equal(same.solution.joints_rad, outcome.solution.joints_rad)
     assert same.details["torque_share"] <= 0.8
-    assert stancekit.verify(same.plan).accepted
+    assert stancekit.verify(same.solution).accepted
 
 
-def test_what_torque_forbids_is_undecided_and_says_where(planned: PlanOutcome) -> None:
+def test_what_torque_forbids_is_undecided_and_says_where(planned: Answer[Plan]) -> None:
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=1.0, steps=2))
     assert outcome.status is Status.UNDECIDED
     assert outcome.certificate is None
     assert outcome.message.startswith("torque: frame ")
     assert outcome.message.endswith(" has 1")
-    assert outcome.plan is not None
-    assert check_plan(outcome.plan).accepted  # its contacts
-    refused = check_plan(outcome.plan, joints=True)
+    assert outcome.solution is not None
+    assert check_plan(outcome.solution).accepted  # its contacts
+    refused = check_plan(outcome.solution, joints=True)
     assert not refused.accepted
     assert f"torque: {refused.group('torque').message}" == outcome.message
 
 
-def test_without_a_plan_there_is_nothing_to_bend(planned: PlanOutcome) -> None:
-    none = replace(planned, plan=None, status=Status.UNDECIDED)
+def test_without_a_plan_there_is_nothing_to_bend(planned: Answer[Plan]) -> None:
+    none = replace(planned, solution=None, status=Status.UNDECIDED)
     assert with_whole_body(none, WholeBodyLimits(torque_nm=10.0)) is none
 
 
 def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_asked_for(
-    planned: PlanOutcome, monkeypatch: pytest.MonkeyPatch
+    planned: Answer[Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     outcome = with_whole_body(planned)
-    assert outcome.plan is planned.plan
+    assert outcome.solution is planned.solution
     assert (outcome.status, outcome.details) == (planned.status, planned.details)
     assert outcome.report is not None
     assert (outcome.report.accepted, outcome.report.group("joints").verdict) == (True, "not checked")
@@ -91,7 +91,7 @@ def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_ask
 
 
 @pytest.mark.parametrize("written", [1e9, -5.0, "10", None, [10.0]])
-def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(planned: PlanOutcome, written: object) -> None:
-    assert planned.plan is not None
-    forged = replace(planned.plan, provenance={**planned.plan.provenance, "torque_nm": written})
-    assert check_plan(forged, joints=True).group("torque") == check_plan(planned.plan, joints=True).group("torque")
+def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(planned: Answer[Plan], written: object) -> None:
+    assert planned.solution is not None
+    forged = replace(planned.solution, provenance={**planned.solution.provenance, "torque_nm": written})
+    assert check_plan(forged, joints=True).group("torque") == check_plan(planned.solution, joints=True).group("torque")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
-from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search import witness
@@ -93,7 +93,7 @@ def test_no_solver_takes_part_in_a_witness(name, programs):
     for k, (ours, theirs) in enumerate(zip(answers, other, strict=True)):
         assert ours.status is theirs.status
         if k in found:
-            assert ours.posture.to_json() == theirs.posture.to_json() == found[k]
+            assert ours.solution.to_json() == theirs.solution.to_json() == found[k]
     assert len(found) > 10
 
 
@@ -153,13 +153,13 @@ def test_a_batch_is_decided_as_its_problems_are_one_by_one(name, programs):
     for k, (together, problem) in enumerate(zip(answers, batch.problems, strict=True)):
         alone = planner.solve(problem)
         assert (together.status, together.method) == (alone.status, alone.method)
-        assert together.lower_bound == pytest.approx(alone.lower_bound, rel=1e-12)
+        assert together.bound == pytest.approx(alone.bound, rel=1e-12)
         assert together.details["trivial"] == alone.details["trivial"]
-        if alone.posture is not None:
-            assert check_posture(problem, together.posture).worst == pytest.approx(together.residual, abs=1e-15)
-            assert k not in found or together.posture.to_json() == found[k]
+        if alone.solution is not None:
+            assert check_posture(problem, together.solution).worst == pytest.approx(together.residual, abs=1e-15)
+            assert k not in found or together.solution.to_json() == found[k]
         if alone.certificate is not None:
-            assert (together.solves, dict(together.details)) == (alone.solves, dict(alone.details))
+            assert (together.effort.solves, dict(together.details)) == (alone.effort.solves, dict(alone.details))
             assert together.certificate.to_json() == alone.certificate.to_json()
     assert {answer.status for answer in answers} == {Status.FEASIBLE, Status.INFEASIBLE}
 
@@ -211,6 +211,6 @@ def test_what_the_search_finds_is_put_into_the_middle_of_what_its_toes_leave(pro
     answers = solve_all(planner, batch)
     assert sum(held) >= len(easy)
     for k in easy:
-        found, alone = answers[k].posture, planner.solve(batch.problems[k]).posture
+        found, alone = answers[k].solution, planner.solve(batch.problems[k]).solution
         np.testing.assert_allclose(found.toes_m, alone.toes_m, atol=1e-12)
         assert not np.allclose(found.forces_n, alone.forces_n, atol=1e-3)

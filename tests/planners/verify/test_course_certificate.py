@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.outcome import Certificate
+from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.problem.course import Course, Foothold
@@ -135,7 +135,7 @@ def test_no_foreign_certificate_is_accepted_where_there_is_an_answer(refuted):
     rng, planner, looked = np.random.default_rng(7), ExactPlanner(), 0
     while looked < 120:
         problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[looked % 3]].sample(rng)
-        if planner.solve(problem).posture is None:
+        if planner.solve(problem).solution is None:
             continue
         proofs = [proof for of, proof in refuted if len(of.contacts) == len(problem.contacts)]
         noisy = [

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.outcome import Posture
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import BETWEEN, GROUPS, check_plan, check_posture, check_postures
 from stancekit.planners.verify.geometry import patch_distances

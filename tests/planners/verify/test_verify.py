@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.outcome import Certificate, Posture
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.posture import Posture
 from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain, geometry

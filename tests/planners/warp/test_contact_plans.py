@@ -45,7 +45,7 @@ def plan():
         "name": "flat", "frames": 5, "gait": "tripod", "start_m": [0.0, 0.0, 0.2], "goal_m": [0.4, 0.0, 0.2],
         "stance": {"outward_m": 0.13, "down_m": 0.2}, "terrain": {"kind": "flat", "friction": 0.6},
     })  # fmt: skip
-    found = TwoStageCoursePlanner().solve(build_course(spec)).plan
+    found = TwoStageCoursePlanner().solve(build_course(spec)).solution
     assert found is not None
     return found
 

@@ -9,7 +9,7 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.views.playground import session as session_module
-from stancekit.views.playground.answer import Answer
+from stancekit.views.playground.answer import SceneAnswer
 from stancekit.views.playground.files import Files
 from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.playground import struck
@@ -25,7 +25,7 @@ def test_of_many_changes_during_one_answer_only_the_newest_is_answered(monkeypat
     def slow(scenario):
         begun.set()
         assert go_on.wait(PATIENCE_S)
-        return Answer(message=str(scenario))
+        return SceneAnswer(message=str(scenario))
 
     def on_answer(number, scenario, answer, since):
         seen.append((number, answer.message))
@@ -126,7 +126,7 @@ def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch)
     assert "force [N]" in table
     assert "torque [Nm]" in table
     assert "&lt;b&gt;here" in table
-    assert "<script" not in verdict(Answer(message="<script>alert(1)</script>"), 3, 12.0)
+    assert "<script" not in verdict(SceneAnswer(message="<script>alert(1)</script>"), 3, 12.0)
 
 
 def test_a_ray_meets_the_nearest_patch():
@@ -145,7 +145,7 @@ class _Named:
 def test_files_are_written_in_the_folder_and_nowhere_else(name, tmp_path):
     files = Files.__new__(Files)
     files._folder, files._name = tmp_path, _Named()
-    files._now = lambda: (KeysScenario.of("walls"), Answer())
+    files._now = lambda: (KeysScenario.of("walls"), SceneAnswer())
     assert files.save_course() == tmp_path / "played-course.yaml"
     files._name.value = name
     with pytest.raises(InvalidInput, match="name: expected one without a folder"):

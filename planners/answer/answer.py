@@ -1,0 +1,184 @@
+"""What a planner answers, whatever it was asked: a status, a solution or a certificate, and the effort."""
+
+from __future__ import annotations
+
+import enum
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from ..problem import PostureProblem
+from ..problem.course import Course
+from ..problem.leap import Leap
+from .certificate import Certificate
+from .leap_plan import LeapPlan
+from .plan import Plan
+from .posture import Posture
+from .report import Report
+from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
+
+S = TypeVar("S", bound=Posture | Plan | LeapPlan | Trajectory, covariant=True)
+UNBOUNDED = 1e6
+"""Stands in files for a lower bound of infinity: the problem has no answer even without its moment balance."""
+_OLD = {
+    "posture": "solution",
+    "plan": "solution",
+    "trajectory": "solution",
+    "lower_bound": "bound",
+    "solves": "effort.solves",
+    "tries": "effort.tries",
+    "seconds": "effort.seconds",
+    "compile_s": "effort.compile_s",
+    "solver_seconds": "effort.solver_s",
+    "verifier_seconds": "effort.verifier_s",
+}
+
+
+class Status(enum.StrEnum):
+    """The three answers to "can the robot hold this posture?", and "is there a plan?".
+
+    Source:
+        docs/decisions/0004: a status speaks of the problem, whatever relaxation of it was solved.
+    Example:
+        >>> from stancekit import Status
+        >>> [status.value for status in Status]
+        ['feasible', 'infeasible', 'undecided']
+    """
+
+    FEASIBLE = "feasible"
+    """A witness is attached and satisfies every constraint."""
+    INFEASIBLE = "infeasible"
+    """A certificate is attached that anyone can re-check."""
+    UNDECIDED = "undecided"
+    """Neither: a limit was met, a solver failed, or the method cannot prove what it claims."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """What an answer has cost.
+
+    Arguments:
+        solves: convex problems solved; of a walk, nonlinear ones.
+        tries: choices of contacts that were tried, by planners that count them.
+        seconds: wall clock, without compile_s; of a walk, processor time of its solves [s].
+        compile_s: time to write programs down [s].
+        solver_s: time in the solver itself [s].
+        verifier_s: time in the verifier [s].
+    Source:
+        DESIGN of timings: docs/reference/benchmarks.md.
+    Example:
+        >>> import stancekit
+        >>> stancekit.solve(stancekit.sample("wall-3", rng=8)[0]).effort.solves
+        1
+    """
+
+    solves: int = 0
+    tries: int = 0
+    seconds: float = 0.0
+    compile_s: float = 0.0
+    solver_s: float = 0.0
+    verifier_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answer(Generic[S]):
+    """What one planner says of one problem: of a posture, a course, a walk or a leap.
+
+    Arguments:
+        status: of the problem itself; of a robot with legs of its own, infeasible is proved over their outer sets.
+        method: the planner's name.
+        problem: that was answered, of which a certificate is a proof: of a course over the outer sets of the legs where
+            there are any. None in the answers of a batch, of a walk, whose solution knows its own, and of a foreign
+            planner that nobody has verified.
+        solution: accepted by the verifier where ``status`` is feasible. Where the problem is undecided, the plan or
+            walk that was found and that the verifier refused, or had no time for; None where there is none.
+        certificate: accepted by the verifier where ``status`` is infeasible.
+        report: the verifier's report on what was found, accepted or not; of a plan on all of it, joints, torque, bodies
+            and motion too, and None where contacts alone were asked for. None in the answers of a batch.
+        objective: of the solution; NaN where the problem has none.
+        bound: proved lower bound on the objective of any solution; of a posture problem, on its non-dimensional moment
+            residual (inf where none exists, NaN where nothing was asked of an objective).
+        residual: largest violation of any constraint by what was found, non-dimensional; NaN without a solution.
+        effort: what the answer has cost.
+        claim: what a method says that cannot prove it, for example an external solver's own status.
+        message: why the problem is undecided, or what a proof is over.
+        details: further numbers of the method, for example the margin of a relaxation.
+    Source:
+        Paper E §II-§IV; docs/decisions/0004.
+    Example:
+        >>> import stancekit
+        >>> answer = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
+        >>> answer.status is stancekit.Status.INFEASIBLE, answer.solution, answer.bound > 0.0
+        (True, None, True)
+    """
+
+    status: Status
+    method: str
+    problem: PostureProblem | Course | Leap | None = None
+    solution: S | None = None
+    certificate: Certificate | None = None
+    report: Report[S] | None = None
+    objective: float = math.nan
+    bound: float = math.nan
+    residual: float = math.nan
+    effort: Effort = field(default_factory=Effort)
+    claim: str = ""
+    message: str = ""
+    details: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def sets(self) -> Sets | None:
+        """The sets of the robot's legs that a course is over; None for a robot without legs, or with other sets."""
+        if not isinstance(self.problem, Course):
+            return None
+        from ..robot.contact_robot import sets_of
+
+        return sets_of(self.problem.robot)
+
+    @property
+    def residual_nm(self) -> float:
+        """Norm of the net moment on the robot, at the worst stance of what was found [Nm]; NaN without a report."""
+        return math.nan if self.report is None else self.report.figures.get("residual_nm", math.nan)
+
+    def to_json(self, *, proof: bool = False) -> dict[str, Any]:
+        """JSON-ready values of an answer to a posture problem, a line of a file. proof: with the certificate."""
+        record: dict[str, Any] = {
+            "status": self.status.value,
+            "method": self.method,
+            **_finite({"residual_nm": self.residual_nm, "residual": self.residual}),
+            "lower_bound": 0.0 if math.isnan(self.bound) else min(self.bound, UNBOUNDED),
+            "seconds": self.effort.compile_s + self.effort.seconds,
+            "solves": self.effort.solves,
+        }
+        if isinstance(self.solution, Posture):
+            record |= self.solution.to_json()
+        further = {"claim": self.claim, "message": self.message, "details": _finite(self.details)}
+        record |= {name: value for name, value in further.items() if value}
+        if proof and self.certificate is not None:
+            record["certificate"] = self.certificate.to_json()
+        return record
+
+    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+        def __getattr__(self, name: str) -> Any:
+            """The names of before, for one release."""
+            if name == "verified":
+                warnings.warn("verified is old: Answer.status", DeprecationWarning, stacklevel=2)
+                return self.status is Status.FEASIBLE
+            if name not in _OLD:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            warnings.warn(f"{name} is old: Answer.{_OLD[name]}", DeprecationWarning, stacklevel=2)
+            value = self
+            for part in _OLD[name].split("."):
+                value = getattr(value, part)
+            return value
+
+
+def _finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    """The numbers, None where they are not finite: JSON has no other."""
+    return {name: value if math.isfinite(value) else None for name, value in numbers.items()}

@@ -1,0 +1,98 @@
+"""A proof that a problem has no answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, plain_numbers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Certificate:
+    """A proof that a posture problem has no answer or a course no plan: a tree that covers all that there is to choose
+    (patches, toes and forces), and multipliers a leaf.
+
+    A posture problem is a course of one frame with one stance, in which foothold i is contact i with one candidate.
+
+    Arguments:
+        tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
+
+            - kind 0, a leaf: the other entries are 0;
+            - kind 1, a choice: in the first child foothold ``i`` stands on its candidate ``j``, in the second it does
+              not;
+            - kind 2, a cut of candidate ``j`` of foothold ``i`` along the chord between two points of the border of the
+              piece that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the
+              point v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the
+              border from ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning
+              with the point it runs from;
+            - kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance
+              after the other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``, in units of the
+              force scale; the first child keeps the values up to it, the second those from it on.
+        multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of
+            the balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3) of reach, a (M − 1, 3) of the steps of
+            the COM, t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes,
+            all for the non-dimensional problem; 6 + 3N for a posture. A leaf in which a foothold has no candidate left
+            needs none. Any multipliers give a valid bound, so nothing here has to be trusted
+            (``verify.check_certificate``).
+    Source:
+        Lagrangian bounds of paper E's P, branched where one bound does not do: docs/decisions/0003.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("wall-3", rng=8)[0]
+        >>> certificate = stancekit.solve(problem).certificate
+        >>> certificate.tree.shape[1], stancekit.verify(problem, certificate).accepted
+        (5, True)
+    """
+
+    tree: Array
+    multipliers: Array
+
+    def __post_init__(self) -> None:
+        for name in ("tree", "multipliers"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the certificate as JSON-ready lists."""
+        return {"tree": self.tree.tolist(), "multipliers": self.multipliers.tolist()}
+
+    @classmethod
+    def from_arrays(cls, tree: Array, multipliers: Array) -> Certificate:
+        """A certificate of this or an older form. Raises InvalidInput for tables of other shapes.
+
+        Older trees have four columns (of postures: (1, contact, component, value) splits a force box, (2, contact,
+        first, second) cuts a patch) or two (of courses: (−1, −1) is a leaf, (foothold, candidate) a choice).
+        """
+        if tree.ndim != 2 or tree.shape[1] not in (2, 4, 5) or multipliers.ndim != 2:
+            raise InvalidInput(
+                f"certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, count), "
+                f"got {tree.shape} and {multipliers.shape}"
+            )
+        rows, nothing = np.asarray(tree, dtype=np.float64), np.zeros(len(tree))
+        if tree.shape[1] == 2:
+            leaf = (rows == -1.0).all(axis=1)
+            kept = np.where(leaf[:, None], 0.0, rows)
+            rows = np.column_stack([np.where(leaf, 0.0, 1.0), kept, nothing, nothing])
+        elif tree.shape[1] == 4:
+            kind, contact, first, second = rows.T
+            force = np.column_stack([np.full(len(rows), 3.0), contact, first, second, nothing])
+            other = np.column_stack([np.where(kind == 3.0, np.nan, kind), contact, nothing, first, second])
+            rows = np.where((kind == 1.0)[:, None], force, other)
+        return cls(tree=rows, multipliers=multipliers)
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Certificate:
+        """Read what ``to_json`` wrote, now or in an older form. Raises InvalidInput."""
+        if not isinstance(data, Mapping) or set(data) != {"tree", "multipliers"}:
+            raise InvalidInput("certificate: expected an object with the keys tree and multipliers")
+        try:
+            tree, multipliers = plain_numbers(data["tree"]), plain_numbers(data["multipliers"])
+        except (TypeError, ValueError, OverflowError):
+            raise InvalidInput("certificate: expected two tables of numbers") from None
+        return cls.from_arrays(tree, multipliers)
