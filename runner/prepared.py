@@ -10,6 +10,9 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.motion import Motion
+from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import foot_radii
@@ -19,8 +22,7 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
-from .motion.gait_motion import GaitMotion
-from .motion.motion import Hung, LoadTransfer, Motion
+from .motion.other_forces import Hung, LoadTransfer
 from .motion.redundancy import RedundancyResolution, resolved
 from .motion.time_parametrization import (
     ACCELERATION_RAD_S2,
@@ -37,7 +39,6 @@ from .motion.time_parametrization import (
     parametrize,
     unhurried,
 )
-from .motion.timeline import PlanMotion
 from .record import Record
 from .safety.guard import SafeWorld
 from .settings import RunSettings
@@ -101,7 +102,7 @@ class Prepared(Tracked[P_co]):
             "digest": self.digest, "course": self.name, "source": self.source,
             "joints": list(world.joints), "limbs": limbs, "rate_hz": world.rate_hz, "world": world.name,
             "dry": world.dry, "pace": self.pace, "bound_by": self.bound_by,
-            "seconds": self.motion.seconds, "sees": self.sees, "frames": self.motion.last_frame + 1,
+            "seconds": self.motion.duration_s, "sees": self.sees, "frames": self.motion.last_frame + 1,
             **self.motion.entry(), **world.drives.entry(),
         }  # fmt: skip
 

@@ -202,9 +202,9 @@ def timed() -> dict[str, Any]:
 def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs of one plan, on one kind of world, at one pace, share its postures, its time parametrisation and whether its
     bodies collide, most of a run's work."""
+    from stancekit.planners.motion.plan_motion import PlanMotion
     from stancekit.runner import prepared
     from stancekit.runner.motion.redundancy import near_of
-    from stancekit.runner.motion.timeline import PlanMotion
 
     resolve, parametrize, collide = prepared.resolved, prepared.parametrize, prepared.motion_bodies
 

@@ -16,6 +16,8 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import STRAY_M
+from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 from ..control.foot_placement import ContactFeedback
@@ -23,9 +25,7 @@ from ..control.tracker import Target, Tracker
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
 from .actuator_limits import check_actuators
-from .motion import Motion, MotionSample
 from .redundancy import RedundancyResolution, resolved
-from .timeline import KNOTS, PlanMotion, Timing
 
 ACCELERATION_RAD_S2 = 120.0
 LIMIT_SHARE = 0.9
@@ -193,7 +193,7 @@ def undisturbed(
     return targets
 
 
-def expected(sample: MotionSample) -> Array:
+def expected(sample: Samples) -> Array:
     """What feet feel when all goes as planned, shape (N, 3) [N]: all touch, however little they carry; of those in the
     air the tracker takes no notice."""
     return np.asarray(sample.forces_n + 2.0 * BLIND.touch_n * sample.normals)
@@ -205,11 +205,11 @@ class _Limbs:
     def __init__(self, kinematics: Kinematics, rotors_kg_m2: float | Array) -> None:
         self._kinematics, self._rotors_kg_m2 = kinematics, rotors_kg_m2
 
-    def torques(self, angles: Array, velocity: Array, acceleration: Array, sample: MotionSample, push: Array) -> Array:
+    def torques(self, angles: Array, velocity: Array, acceleration: Array, sample: Samples, push: Array) -> Array:
         """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand."""
         robot = self._kinematics.robot
         own = self._kinematics.inertial_torques(angles, velocity, acceleration) + self._rotors_kg_m2 * acceleration
-        stands = np.array(sample.foothold) >= 0
+        stands = sample.stands
         shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
         loads = self._kinematics.loads(angles, rotation_of(sample.rotation_rad))
         with_push, without = (self._kinematics.torques_of(loads, forces) for forces in (shared, np.zeros_like(shared)))
