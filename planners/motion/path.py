@@ -86,16 +86,16 @@ class Moments:
 
 
 class PlanPath:
-    """The path of a plan. clearance_m: how far feet are lifted.
+    """The path of a plan. clearance_m: how far feet are lifted. uncarried: all limbs may lift at once.
 
     normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m]. Raises InvalidInput
-    where all limbs lift at once: nobody carries, and no position control can do that.
+    where all limbs lift at once unless they may: nobody carries, and no position control can do that.
     """
 
-    def __init__(self, plan: Plan, clearance_m: float = CLEARANCE_M) -> None:
+    def __init__(self, plan: Plan, clearance_m: float = CLEARANCE_M, *, uncarried: bool = False) -> None:
         self.plan, self._clearance_m, course = plan, clearance_m, plan.course
         self._names = course.robot.limb_names
-        if course.uncarried:
+        if course.uncarried and not uncarried:
             raise InvalidInput(
                 f"frame {course.uncarried[0]}: expected limbs that stay and carry the robot, got a schedule that lifts "
                 "all of them at once: no position control can execute that"

@@ -69,18 +69,20 @@ class PlanMotion:
     """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None. longer: so many times
     as long as ``Timing`` says every phase lasts, shape (P,). standing_n: of all limbs where nobody lifts, at its
     beginning and while the body moves alone, by key frame, shape (N, 3) [N] each; where there are none those carry
-    that are to carry next.
+    that are to carry next. uncarried: all limbs may lift at once.
 
-    Raises InvalidInput where all limbs lift at once: nobody carries, and no position control can do that.
+    Raises InvalidInput where all limbs lift at once unless they may: nobody carries, and no position control can do
+    that.
     """
 
     counted = "key frames"
 
     def __init__(
         self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None, longer: Array | None = None,
-        standing_n: Mapping[int, Array] | None = None,
+        standing_n: Mapping[int, Array] | None = None, *, uncarried: bool = False,
     ) -> None:  # fmt: skip
-        self.plan, self.timing, self.path = plan, timing, PlanPath(plan, timing.clearance_m)
+        self.plan, self.timing = plan, timing
+        self.path = PlanPath(plan, timing.clearance_m, uncarried=uncarried)
         self.forces_n, self.longer = plan.forces_n if forces_n is None else forces_n, longer
         self.standing_n = standing_n or {}
         course = plan.course
