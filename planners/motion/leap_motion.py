@@ -123,4 +123,4 @@ class LeapMotion:
         last = np.concatenate([self._surface[:1], self._surface])
         around = np.stack([np.where(before >= 0, before, last), np.where(after >= 0, after, last)], axis=2)
         toes = self.plan.toes_m[around] - self.plan.com_m[:, None, None]
-        return np.einsum("mji,mnsj->mnsi", rotations_of(self.plan.rotation_rad), toes)
+        return np.asarray(np.einsum("mji,mnsj->mnsi", rotations_of(self.plan.rotation_rad), toes))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,12 +72,12 @@ class Samples:
 
 
 class Motion(Protocol):
-    """What a film shows, a tracker follows and an export writes.
+    """What a film shows, a tracker follows and an export writes."""
 
-    solids: what limbs keep off.
-    """
-
-    solids: tuple[Solid, ...]
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """What limbs keep off."""
+        ...
 
     @property
     def duration_s(self) -> float:
@@ -91,6 +92,35 @@ class Motion(Protocol):
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times, shape (T,), or at a single one [s]; before 0 and after the end the ends are held."""
         ...
+
+
+def stacked(samples: Sequence[Samples]) -> Samples:
+    """Single samples as one value with a row for each."""
+    names = [field.name for field in fields(Samples) if field.name != "radii_m"]
+    rows = {name: [getattr(each, name) for each in samples] for name in names}
+    known: dict[str, Any] = {name: None if row[0] is None else np.array(row) for name, row in rows.items()}
+    return Samples(**known, radii_m=samples[0].radii_m)
+
+
+def between(rows: Samples, at: Array) -> Samples:
+    """Samples between rows, at fractional indices of shape (T,) or (): straight lines join the rows.
+
+    Footholds are those of the row before; an index within 1e-6 of a row is that row.
+    """
+    last = len(rows.com_m) - 1
+    near = np.clip(np.where(np.abs(at - np.round(at)) < 1e-6, np.round(at), at), 0.0, last)
+    first = np.floor(near).astype(int)
+    then, share = np.minimum(first + 1, last), near - first
+
+    def mixed(table: Array | None) -> Array | None:
+        if table is None:
+            return None
+        weight = share.reshape(share.shape + (1,) * (table.ndim - 1))
+        return np.asarray(table[first] + weight * (table[then] - table[first]))
+
+    names = [field.name for field in fields(Samples) if field.name not in ("radii_m", "foothold")]
+    found: dict[str, Any] = {name: mixed(getattr(rows, name)) for name in names}
+    return Samples(**found, radii_m=rows.radii_m, foothold=rows.foothold[first])
 
 
 def smooth(s: T) -> T:
