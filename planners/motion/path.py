@@ -146,6 +146,17 @@ class PlanPath:
         lift = Segment(frames=(k - 1, k - 1), foothold=foothold, surface=leaves, feet_m=corners[:2], part=0)
         return lift, across, Segment(frames=(k, k), foothold=foothold, surface=comes, feet_m=corners[2:], part=2)
 
+    def swing(self, foothold: int, shares: Array) -> Array:
+        """Where a toe is at shares of its way to a foothold, shape (K, 3) [m]: up, across and down."""
+        put = self.plan.course.footholds[foothold]
+        step, limb = self.steps[put.frame - 1], self._names.index(put.limb)
+        ends = [(segment.feet_m[:, limb], self.normals[segment.surface[limb]]) for segment in step]
+        feet = [feet[end] for feet, _ in ends for end in (0, 1)]
+        normals = [ends[0][1]] * (len(feet) // 2) + [ends[-1][1]] * (len(feet) // 2)
+        toes = np.array(feet) - self.radii_m[limb] * np.array(normals)
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(toes, axis=0), axis=1))])
+        return np.stack([np.interp(shares * way[-1], way, axis) for axis in toes.T], axis=1)
+
     def moments(self, apart_m: float = APART_M) -> Moments:
         """The whole path, with its first and its last moment; none goes farther than this from the one before.
 
