@@ -204,16 +204,19 @@ class GaitView:
             found = self.at(sample)
         else:
             sample = int(np.searchsorted(times_s, time_s + 1e-9, side="right")) - 1
-            now = self.now(time_s)
-            turn = rotation_of(now.rotation_rad)
-            body, limbs = now.com_m, self._limbs_at(now, turn)
-            if now.origin_m is not None and self.shape.links is not None:
-                body = now.origin_m + turn @ self.shape.links.model.body.com_m
-            found = Scene(
-                bodies=self.shape.bodies(body, turn, limbs),
-                arrows=self._forces(now.toes_m, now.forces_n, now.stands),
-            )
+            found = self.drawn(self.now(time_s))
         return found + Scene(bodies=[disc for k, disc in self.footholds if k <= sample])
+
+    def drawn(self, now: Samples) -> Scene:
+        """The robot and its contact forces at one time."""
+        turn, links = rotation_of(now.rotation_rad), self.shape.links
+        body = now.com_m
+        if now.origin_m is not None and links is not None:
+            body = now.origin_m + turn @ links.model.body.com_m
+        return Scene(
+            bodies=self.shape.bodies(body, turn, self._limbs_at(now, turn)),
+            arrows=self._forces(now.toes_m, now.forces_n, now.stands),
+        )
 
     def now(self, time_s: float) -> Samples:
         """The motion so long after the walk began."""

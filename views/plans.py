@@ -60,22 +60,20 @@ GHOSTS = 3
 class PlanView:
     """A plan as something to look at, with the viewpoint and the colours of its pictures.
 
-    drawn_as: what its robot looks like, where that is known already. moves_as: its motion, where that is not to be what
-    ``run`` streams.
+    drawn_as: what its robot looks like, where that is known already.
     """
 
     plan: Plan
     drawn_as: RobotShape | None = field(default=None, kw_only=True)
-    moves_as: Motion | None = field(default=None, kw_only=True)
 
     @cached_property
     def motion(self) -> Motion:
         """What ``run`` streams."""
-        return self.moves_as or streamed(self.plan)
+        return streamed(self.plan)
 
     @cached_property
     def keys(self) -> PlanMotion:
-        """The key frames as they are planned, and the path through them."""
+        """The key frames as they are planned, and the path of body and feet through them."""
         return PlanMotion(self.plan, uncarried=True)
 
     @cached_property
@@ -278,9 +276,9 @@ class PlanView:
         )  # fmt: skip
 
     def between_keys(self, progress: float) -> Samples:
-        """The motion a share of the time between two key frames, e.g. at 1.5 half of it after key frame 1."""
+        """Body and feet a share of the time between two key frames, e.g. at 1.5 half of it after key frame 1."""
         reached = self.keys.reached_s
-        return self.motion.at(float(np.interp(progress, np.arange(len(reached)), reached)))
+        return self.keys.at(float(np.interp(progress, np.arange(len(reached)), reached)))
 
     def shown_s(self, count: int) -> Array:
         """Times of so many pictures of the motion, each that of a row that is streamed, shape (count,) [s]."""

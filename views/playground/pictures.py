@@ -10,7 +10,6 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.model import Robot
@@ -44,8 +43,8 @@ class Pictures:
         return self._shape[1]
 
     def view(self, plan: Plan) -> PlanView:
-        """A plan as something to look at, whose joints nobody waits for: body and feet are those of the motion."""
-        return PlanView(plan, drawn_as=self.shape(plan.course.robot), moves_as=feet_motion(plan))
+        """A plan as something to look at."""
+        return PlanView(plan, drawn_as=self.shape(plan.course.robot))
 
     def ground(self, course: Course) -> Scene:
         """The surfaces about the path, in the tints of their friction."""
