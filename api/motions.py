@@ -13,6 +13,7 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.trajectory_file import is_trajectory
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.problem.course_json import FORMAT
@@ -22,7 +23,6 @@ from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.replanning import Policy
 from stancekit.runner.log import McapLog, NoLog
-from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings

@@ -26,6 +26,7 @@ from _bench import Options, launch, realtime
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.plan_file import read_plan
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -33,7 +34,6 @@ from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import Tracker
 from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.motion.time_parametrization import parametrize
-from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.worlds.dynamixel.calibration import nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 

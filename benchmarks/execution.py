@@ -24,11 +24,11 @@ from joblib import Parallel, delayed
 
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import builtin_courses
 from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.execution import Execution
-from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings

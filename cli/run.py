@@ -196,8 +196,8 @@ class Run:
         return 0 if succeeded else 1
 
     def _settings(self) -> RunSettings:
+        from stancekit.planners.motion.plan_motion import Timing
         from stancekit.runner.control.loop_settings import LoopSettings
-        from stancekit.runner.motion.timeline import Timing
         from stancekit.runner.settings import RunSettings
 
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}

@@ -59,8 +59,8 @@ class Simulate:
         from stancekit.motions import simulate
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.formats.plan_file import read_plan
+        from stancekit.planners.motion.plan_motion import Timing
         from stancekit.runner.acceptance import Accepted
-        from stancekit.runner.motion.timeline import Timing
         from stancekit.runner.settings import RunSettings
 
         checked(self.pace, "--pace", least=0.1, most=4.0)

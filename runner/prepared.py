@@ -10,7 +10,9 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
+from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.motion import Motion
+from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import foot_radii
 
@@ -19,25 +21,18 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
-from .motion.gait_motion import GaitMotion
-from .motion.motion import Hung, LoadTransfer, Motion
+from .motion.other_forces import Hung, LoadTransfer
 from .motion.redundancy import RedundancyResolution, resolved
+from .motion.stream import timed_gait, timed_plan, unhurried_plan
 from .motion.time_parametrization import (
-    ACCELERATION_RAD_S2,
     BLIND,
     LIMIT_SHARE,
     RATE_HZ,
     STEADY,
     JointProfile,
     TimedMotion,
-    check_static,
     expected,
-    joint_profile,
-    limit_use,
-    parametrize,
-    unhurried,
 )
-from .motion.timeline import PlanMotion
 from .record import Record
 from .safety.guard import SafeWorld
 from .settings import RunSettings
@@ -101,7 +96,7 @@ class Prepared(Tracked[P_co]):
             "digest": self.digest, "course": self.name, "source": self.source,
             "joints": list(world.joints), "limbs": limbs, "rate_hz": world.rate_hz, "world": world.name,
             "dry": world.dry, "pace": self.pace, "bound_by": self.bound_by,
-            "seconds": self.motion.seconds, "sees": self.sees, "frames": self.motion.last_frame + 1,
+            "seconds": self.motion.duration_s, "sees": self.sees, "frames": self.motion.last_frame + 1,
             **self.motion.entry(), **world.drives.entry(),
         }  # fmt: skip
 
@@ -141,22 +136,14 @@ def prepare_plan(
         kinematics = Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
     else:
         kinematics, settings = resumption.kinematics, replace(settings, timing=settings.timing.at_pace(resumption.pace))
-    shared = settings.forces == "shared"
-    forces_n = distribute_forces(plan, kinematics) if shared else None
-    standing_n = standing_forces(plan, kinematics) if shared else None
-    motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n, standing_n=standing_n), 1.0, ""
-    wished = resolved(motion, kinematics)
-    most = ACCELERATION_RAD_S2 if course.robot.model is None else np.inf
-    longer = unhurried(motion, wished, world.capabilities.velocity_rad_s, most)
-    motion = PlanMotion(plan, settings.timing, forces_n, longer, standing_n)
-    wished = wished.retimed(motion.knots_s)
+    motion, wished = unhurried_plan(
+        plan, kinematics, world.capabilities, settings.timing, shared=settings.forces == "shared"
+    )
+    pace, bound_by = 1.0, ""
     if settings.check_limits:
         if not settings.hung:
             check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
-        timed = parametrize(
-            plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung,
-            drives=world.drives, longer=longer, standing_n=standing_n, wished=wished,
-        )  # fmt: skip
+        timed = timed_plan(motion, wished, kinematics, world.capabilities, world.drives, hung=settings.hung)
         motion, pace, bound_by, wished = timed.motion, timed.pace, timed.bound_by, timed.profile.wished
         _check_heat(accepted.source, timed.profile, world.drives)
         _check_bodies(accepted, timed, kinematics)
@@ -222,7 +209,7 @@ def check_settings(settings: RunSettings, world: SafeWorld) -> None:
         raise InvalidInput(f"check_limits: expected True but in a simulation, got False in world {world.name}")
 
 
-def _check_bodies(accepted: Accepted, timed: TimedMotion, kinematics: Kinematics) -> None:
+def _check_bodies(accepted: Accepted, timed: TimedMotion[PlanMotion], kinematics: Kinematics) -> None:
     """Raise InvalidInput where a link goes through another one or the terrain on the way; log what has no shape."""
     report = motion_bodies(accepted.plan, timed.profile.targets, kinematics)
     if report.message:
@@ -232,22 +219,11 @@ def _check_bodies(accepted: Accepted, timed: TimedMotion, kinematics: Kinematics
 
 
 def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool) -> RedundancyResolution:
-    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. What a robot's own joints can
-    accelerate follows from their torques; servos are given a limit of their own. Returns what its tracker wishes."""
-    most = ACCELERATION_RAD_S2 if kinematics.robot.model is None else np.inf
+    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. Returns what its tracker wishes."""
     wished = resolved(motion, kinematics)
     if not hung:
         check_at_rest("gait", motion, kinematics, wished, world.drives, LIMIT_SHARE)
-    profile = joint_profile(motion, kinematics, hung=hung, balanced=True, drives=world.drives, wished=wished)
-    can = world.capabilities
-    check_static(profile, kinematics, can, LIMIT_SHARE, world.drives)
-    uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=world.drives)
-    for name, (use, joint) in uses.items():
-        if use > 1.0:
-            raise InvalidInput(
-                f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "
-                "runs as planned, or not at all: plan one that steps less high or less far"
-            )
+    profile = timed_gait(motion, wished, kinematics, world.capabilities, world.drives, hung=hung).profile
     _check_heat("gait", profile, world.drives)
     return profile.wished
 

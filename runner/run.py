@@ -16,6 +16,9 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.motion import Motion
+from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.kinematics import rotation_of
 from stancekit.planners.robot.urdf import Servo
@@ -26,10 +29,7 @@ from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, NoLog, state_json
-from .motion.gait_motion import GaitMotion
-from .motion.motion import Motion
 from .motion.soft_start import soft_motion, soft_start
-from .motion.timeline import PlanMotion
 from .prepared import PlannedMotion, Prepared, Resumption, Tracked, body_from, prepare_gait, prepare_plan
 from .record import Record
 from .report import RunReport
@@ -164,7 +164,7 @@ class Runner:
             self.decide(LOADED, "from the beginning")
         elif not prepared.sees and self.world.drives.yields:
             self.go([first.targets_rad], first.angles_rad)
-        self.decide("motion", f"{prepared.motion.seconds:.1f} s at pace {prepared.pace:.2f} {prepared.bound_by}")
+        self.decide("motion", f"{prepared.motion.duration_s:.1f} s at pace {prepared.pace:.2f} {prepared.bound_by}")
 
     def go(self, path: Sequence[Array], stays: Array | None = None) -> None:
         """Along joint poses, softly, one after the other. stays: where the joints are all the while, the rest loads."""

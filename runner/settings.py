@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from stancekit.planners.files.arrays import checked
+from stancekit.planners.motion.plan_motion import Timing
 
 from .control.body_feedback import BodyFeedback
 from .control.foot_placement import ContactFeedback
 from .control.loop_settings import LoopSettings
 from .execution import Tolerance
-from .motion.timeline import Timing
 from .safety.ending import Ending
 from .safety.guard import Limits
 from .safety.latch import Source

@@ -202,11 +202,12 @@ def timed() -> dict[str, Any]:
 def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs of one plan, on one kind of world, at one pace, share its postures, its time parametrisation and whether its
     bodies collide, most of a run's work."""
+    from stancekit.planners.motion.plan_motion import PlanMotion
     from stancekit.runner import prepared
+    from stancekit.runner.motion import stream
     from stancekit.runner.motion.redundancy import near_of
-    from stancekit.runner.motion.timeline import PlanMotion
 
-    resolve, parametrize, collide = prepared.resolved, prepared.parametrize, prepared.motion_bodies
+    resolve, parametrize, collide = stream.resolved, stream.parametrize, prepared.motion_bodies
 
     def body(kinematics: Any) -> tuple[Any, ...]:
         return kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, near_of(kinematics)
@@ -230,8 +231,12 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
         key = (plan, np.array([target.angles_rad for target in targets]), body(kinematics))
         return once(collide, key, plan, targets, kinematics)
 
-    for name, kept in (("resolved", postures), ("parametrize", paced), ("motion_bodies", collision)):
-        monkeypatch.setattr(prepared, name, kept)
+    for module, name, kept in (
+        (stream, "resolved", postures),
+        (stream, "parametrize", paced),
+        (prepared, "motion_bodies", collision),
+    ):
+        monkeypatch.setattr(module, name, kept)
 
 
 @pytest.fixture(scope="session")

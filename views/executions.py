@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,19 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.cached import cached_property
-from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.legged import foot_radii
+from stancekit.planners.motion.motion import Samples
 from stancekit.runner.execution import Execution
 from stancekit.runner.record import TOUCH_N
 
 from .contact_strip import FILM_PX as WALK_PX
 from .film import film_frames
 from .gaits import GRID_M, motion_frames
-from .plan_motion import Moment
 from .plans import FILM_PX, PlanView
-from .scene import UP, Layer, Motion, Path, Scene
+from .scene import UP, Animation, Layer, Path, Scene
 from .shapes import polyline
 from .sheet import DEFAULT_STYLE, SIZE_PX, Size, headline, plain_axes, sheet
 from .still import Still
@@ -43,29 +39,24 @@ class ExecutionView(PlanView):
 
     execution: Execution
 
-    @cached_property
-    def _kinematics(self) -> Kinematics:
-        return Kinematics(self.plan.course.robot)
-
-    def instant(self, row: int) -> tuple[Moment, Sequence[Array]]:
-        """What the world had after a control period, and what moves its limbs (``PlanView.limbs``)."""
-        trace, robot = self.execution.trace, self.plan.course.robot
-        turn, angles = trace.rotation[row], trace.angles_rad[row]
-        frame = min(round(float(trace.frame[row])), self.plan.course.frames - 1)
-        normals = np.array([self.chosen[int(p)].normal for p in self.plan.course.holds[frame]])
-        moment = Moment(
-            frame=frame, com_m=trace.origin_m[row] + turn @ robot.origin_m,
-            rotation_rad=Rotation.from_matrix(turn).as_rotvec(),
-            toes_m=trace.feet_m[row] - foot_radii(robot)[:, None] * normals, forces_n=trace.forces_n[row],
-        )  # fmt: skip
-        if self.shape.links is not None:
-            return moment, self.shape.links.split(angles)
-        return moment, list(trace.origin_m[row] + self._kinematics.chains(angles) @ turn.T)
+    def instant(self, row: int) -> Samples:
+        """What the world had after a control period, with the footholds of the nearest key frame."""
+        trace = self.execution.trace
+        key = self.keys.key(min(round(float(trace.frame[row])), self.plan.course.frames - 1))
+        return replace(
+            key,
+            com_m=trace.com_m[row],
+            rotation_rad=Rotation.from_matrix(trace.rotation[row]).as_rotvec(),
+            feet_m=trace.feet_m[row],
+            forces_n=trace.forces_n[row],
+            origin_m=trace.origin_m[row],
+            angles_rad=trace.angles_rad[row],
+            torques_nm=trace.torques_nm[row],
+        )
 
     def row(self, row: int, *, cone_m: float | None = None) -> Scene:
         """The robot after a control period, on the patches that it stands on."""
-        moment, chains = self.instant(row)
-        return self.at(moment, limbs=chains, cone_m=cone_m)
+        return self.at(self.instant(row), cone_m=cone_m)
 
     def path(self, row: int) -> Scene:
         """The path that the centre of mass went, over the planned one."""
@@ -82,12 +73,12 @@ class ExecutionView(PlanView):
             f"largest torque so far {most:.1f} of {self.execution.torque_limit_nm:g} Nm   ·   {SCALE}"
         )
 
-    def played(self) -> Motion:
+    def played(self) -> Animation:
         """The execution as a motion, ``FPS`` moments a second at ``SPEED`` times the pace."""
         times = self.execution.trace.time_s
         shown = np.arange(frame_count(self.execution)) * SPEED / FPS
         rows = np.searchsorted(times, shown).tolist()
-        return Motion(
+        return Animation(
             fixed=self.fixed + self.path(len(times) - 1),
             moments=[self.row(row, cone_m=0.3 * self.shape.size_m) for row in rows], step_s=1.0 / FPS,
             camera=self.camera, title=f"{self.plan.course.name} in {self.execution.world}, at {SPEED:g} times its pace",

@@ -21,7 +21,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
 from .camera import Camera
-from .scene import Body, Colour, Facet, Layer, Motion, Path, Scene, Sheet, borders, fans
+from .scene import Animation, Body, Colour, Facet, Layer, Path, Scene, Sheet, borders, fans
 from .shapes import Box, Capsule, Faces, Mesh, Sphere, triangles_of
 from .sheet import DEFAULT_STYLE, Size, headline, sheet, to_rgb
 from .still import GLASS, is_glass, normals_of
@@ -50,7 +50,7 @@ def check_film(path: str | File) -> File:
         return target
 
 
-def film_frames(motion: Motion, size_px: Size, *, foot_px: int = 0) -> Iterator[Frame]:
+def film_frames(motion: Animation, size_px: Size, *, foot_px: int = 0) -> Iterator[Frame]:
     """The frames of a film, uint8 of shape (H, W, 3): words above, the scene below, and room at the foot.
 
     One camera sees all of the motion. Raises InvalidInput without MuJoCo or a GL library.
@@ -67,7 +67,7 @@ def film_frames(motion: Motion, size_px: Size, *, foot_px: int = 0) -> Iterator[
         yield frame
 
 
-def rendered(motion: Motion, size_px: Size) -> Iterator[Frame]:
+def rendered(motion: Animation, size_px: Size) -> Iterator[Frame]:
     """The scene alone, moment by moment, seen by the motion's camera through a window that holds all of it."""
     stage = _Stage(motion)
     low, high = motion.window(size_px[0] / size_px[1])
@@ -80,7 +80,7 @@ def rendered(motion: Motion, size_px: Size) -> Iterator[Frame]:
 class _Stage:
     """A motion as MuJoCo has it: what stays in a model with all meshes, and what moves put into the scene by hand."""
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: Animation) -> None:
         self._mujoco, self._camera, self._fixed = _mujoco(), motion.camera, motion.fixed
         light, sun_m = self._camera.light, self._camera.target_m + self._camera.distance_m * self._camera.light
         self._spec = self._mujoco.MjSpec.from_string(EMPTY.format(*-light, *sun_m))
@@ -265,7 +265,7 @@ def _mujoco() -> Any:
 
 
 @DEFAULT_STYLE
-def _words(motion: Motion, note: str, size_px: Size) -> Frame:
+def _words(motion: Animation, note: str, size_px: Size) -> Frame:
     """All of a frame but the scene."""
     figure = sheet(size_px, (1280, 720))
     below = "   ·   ".join(filter(None, (motion.note, note)))

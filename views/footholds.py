@@ -10,7 +10,7 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.footholds import Footholds
 
 from .camera import Camera
-from .scene import Facet, Layer, Motion, Path, Scene
+from .scene import Animation, Facet, Layer, Path, Scene
 from .shapes import ring
 from .sheet import DEFAULT_STYLE, SIZE_PX, Size, headline, plain_axes, sheet
 from .still import Still
@@ -40,13 +40,13 @@ def foothold_scene(found: Footholds) -> Scene:
     return Scene(facets=[*surfaces, *good])
 
 
-def foothold_motion(found: Footholds) -> Motion:
+def foothold_motion(found: Footholds) -> Animation:
     """The same as a page that can be turned."""
     scene = foothold_scene(found)
     outlines = [ring(piece.patch.vertices_m + 2.0 * OFF_M * piece.patch.normal) for piece in found.pieces]
     moment = Scene(paths=[Path(pieces_m=np.concatenate(outlines), colour=GOOD_EDGE, width=1.2)])
     title = f"footholds of {found.name}: {len(found.pieces)} patches, {found.area_m2:.4g} m²"
-    return Motion(fixed=scene, moments=[moment], step_s=1.0, camera=_camera(found), title=title, legend=LEGEND)
+    return Animation(fixed=scene, moments=[moment], step_s=1.0, camera=_camera(found), title=title, legend=LEGEND)
 
 
 def _facet(patch: Patch, colour: str, edge: str, layer: Layer, off_m: float) -> Facet:

@@ -7,20 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.gait_motion import SETTLE_S
+from stancekit.planners.motion.motion import Motion, Samples
 from stancekit.planners.motion.walk_joints import walk_joints
+from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.robot.toes import ToeKinematics
+from stancekit.runner.motion.stream import streamed
 
 from .camera import Camera, best_view
 from .contact_strip import FILM_PX, draw_contacts, mark_time
 from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .robots import RobotShape, bent, faded, single_body
-from .scene import UP, Body, Colour, Label, Motion, Path, Scene, Sheet
+from .scene import UP, Animation, Arrow, Body, Colour, Label, Path, Scene, Sheet
 from .shapes import disc, polyline, unit
 from .sheet import (
     ACCENT,
@@ -51,12 +57,14 @@ WEIGHT_ARROW = 1.1
 class GaitView:
     """A trajectory as something to look at. warp: the map whose lines are drawn on the terrain, None for x and y.
 
-    joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they are known.
+    joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they were measured: the samples are then
+    shown as they are. moves_as: its motion, where that is not to be what ``run`` streams.
     """
 
     trajectory: Trajectory
     warp: Warp | None = None
     joints_rad: Array | None = None
+    moves_as: Motion | None = None
 
     def __post_init__(self) -> None:
         samples = ("torso_m", "rotation", "feet_m", "forces_n")
@@ -150,20 +158,24 @@ class GaitView:
         return found
 
     @cached_property
-    def _angles(self) -> tuple[Array, ...]:
-        """Of every leg at every sample, shape (K, n) [rad]."""
-        if self.joints_rad is None or self.shape.links is None:
-            return walk_joints(self.trajectory).angles
-        return tuple(np.transpose(part) for part in self.shape.links.split(self.joints_rad.T))
+    def motion(self) -> Motion:
+        """What ``run`` streams, at rest before and after the walk."""
+        return self.moves_as or streamed(self.trajectory)
 
     def limbs(self, sample: int) -> list[Array]:
         """Angles of every leg, where the robot is a URDF's; else hip, knee and toe, shape (3, 3) [m], and where knees
         bend is a guess, for the eye."""
-        if self.shape.links is not None:
-            return [angles[sample] for angles in self._angles]
-        torso, turn = self.trajectory.torso_m[sample], self.trajectory.rotation[sample]
+        trajectory, links = self.trajectory, self.shape.links
+        if links is None:
+            return self._bent(trajectory.torso_m[sample], trajectory.rotation[sample], trajectory.feet_m[sample])
+        if self.joints_rad is not None:
+            return links.split(self.joints_rad[sample])
+        return [angles[0] for angles in walk_joints(trajectory, slice(sample, sample + 1)).angles]
+
+    def _bent(self, torso: Array, turn: Array, toes_m: Array) -> list[Array]:
+        """Hip, knee and toe of every leg, shape (3, 3) [m]."""
         found = []
-        for foot, toe in zip(self.trajectory.robot.feet, self.trajectory.feet_m[sample], strict=True):
+        for foot, toe in zip(self.trajectory.robot.feet, toes_m, strict=True):
             hip = torso + turn @ foot.hip_m
             bone = max(0.7 * self.shape.size_m, 0.505 * float(np.linalg.norm(toe - hip)))
             bend = turn @ np.append([0.5, 0.9] * np.sign(foot.hip_m[:2]), 0.3)
@@ -176,12 +188,56 @@ class GaitView:
         bodies = self.shape.bodies(
             trajectory.torso_m[sample], trajectory.rotation[sample], self.limbs(sample), prefix=prefix
         )
-        arrows = [
-            self.shape.force(prefix + self.shape.limbs[k], trajectory.feet_m[sample, k],
-                             self.metres_a_newton * trajectory.forces_n[sample, k])
-            for k in np.flatnonzero(trajectory.contact[sample]).tolist()
-        ]  # fmt: skip
+        arrows = self._forces(
+            trajectory.feet_m[sample], trajectory.forces_n[sample], trajectory.contact[sample], prefix=prefix
+        )
         return Scene(bodies=faded(bodies, strength), arrows=arrows)
+
+    def moment(self, time_s: float) -> Scene:
+        """The robot, its contact forces and the footholds until then, so long after the walk began.
+
+        It is what ``run`` streams then, or the nearest sample of one that was measured.
+        """
+        times_s = self.trajectory.times_s - self.trajectory.times_s[0]
+        if self.joints_rad is not None:
+            sample = int(np.argmin(np.abs(times_s - time_s)))
+            found = self.at(sample)
+        else:
+            sample = int(np.searchsorted(times_s, time_s + 1e-9, side="right")) - 1
+            found = self.drawn(self.now(time_s))
+        return found + Scene(bodies=[disc for k, disc in self.footholds if k <= sample])
+
+    def drawn(self, now: Samples) -> Scene:
+        """The robot and its contact forces at one time."""
+        turn, links = rotation_of(now.rotation_rad), self.shape.links
+        body = now.com_m
+        if now.origin_m is not None and links is not None:
+            body = now.origin_m + turn @ links.model.body.com_m
+        return Scene(
+            bodies=self.shape.bodies(body, turn, self._limbs_at(now, turn)),
+            arrows=self._forces(now.toes_m, now.forces_n, now.stands),
+        )
+
+    def now(self, time_s: float) -> Samples:
+        """The motion so long after the walk began."""
+        return self.motion.at(SETTLE_S + time_s)
+
+    def _limbs_at(self, now: Samples, turn: Array) -> list[Array]:
+        """The limbs of samples at one time, as of ``limbs``."""
+        links = self.shape.links
+        if links is None:
+            return self._bent(now.com_m, turn, now.toes_m)
+        if now.angles_rad is not None:
+            return links.split(now.angles_rad)
+        found = ToeKinematics(links.model).solve(now.com_m[None], turn[None], now.toes_m[None], now.normals[None])
+        return [angles[0] for angles in found.angles]
+
+    def _forces(self, toes_m: Array, forces_n: Array, stands: NDArray[np.bool_], *, prefix: str = "") -> list[Arrow]:
+        """Arrows of the forces of the feet that stand."""
+        return [
+            self.shape.force(prefix + self.shape.limbs[k], toes_m[k], self.metres_a_newton * forces_n[k])
+            for k in np.flatnonzero(stands).tolist()
+        ]
 
     def scene(self) -> Scene:
         """The picture: the robot at a few moments, the earlier the paler, and every foothold."""
@@ -197,20 +253,13 @@ class GaitView:
 
     def film(
         self, report: Report[Trajectory] | None, *, caption: str = "", note: str = "not verified", step_s: float = 0.05
-    ) -> Motion:
-        """The trajectory as a motion, a moment every ``step_s``: footholds stay once a foot came down. note: what is
+    ) -> Animation:
+        """The trajectory's motion, a moment every ``step_s``: footholds stay once a foot came down. note: what is
         said where there is no report."""
-        trajectory = self.trajectory
-        times_s = trajectory.times_s - trajectory.times_s[0]
-        count = 1 + int(np.floor(trajectory.duration_s / step_s + 1e-9))
-        samples = [int(np.argmin(np.abs(times_s - index * step_s))) for index in range(count)]
-        return Motion(
-            fixed=self.fixed,
-            moments=[
-                self.at(sample) + Scene(bodies=[body for k, body in self.footholds if k <= sample])
-                for sample in samples
-            ],
-            step_s=step_s, camera=self.camera, title=caption or self.title,
+        count = 1 + int(np.floor(self.trajectory.duration_s / step_s + 1e-9))
+        return Animation(
+            fixed=self.fixed, moments=[self.moment(index * step_s) for index in range(count)], step_s=step_s,
+            camera=self.camera, title=caption or self.title,
             note=note if report is None else report.message, alarm=_refused(report),
             legend=self.legend,
         )  # fmt: skip

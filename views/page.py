@@ -19,7 +19,7 @@ from matplotlib.colors import to_hex
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import check_writable, write_bytes
 
-from .scene import Motion
+from .scene import Animation
 from .sheet import ACCENT, INK, QUIET
 from .stage import Stage
 
@@ -37,13 +37,13 @@ def check_page(path: str | File) -> File:
     return check_writable(path)
 
 
-def write_page(path: str | File, motion: Motion) -> None:
+def write_page(path: str | File, motion: Animation) -> None:
     """Write the page, whole or not at all. Raises InvalidInput as ``check_page`` does."""
     target = check_page(path)
     write_bytes(target, page(motion).encode())
 
 
-def page(motion: Motion) -> str:
+def page(motion: Animation) -> str:
     """The page as HTML. Raises InvalidInput without viser 1.1 or newer."""
     with viser_server() as server:
         server.scene.configure_default_lights(cast_shadow=False)
@@ -63,7 +63,7 @@ def page(motion: Motion) -> str:
     return _titled(text, motion)
 
 
-def _titled(text: str, motion: Motion) -> str:
+def _titled(text: str, motion: Animation) -> str:
     """The page with its title and a legend in a corner."""
     lines = "".join(
         f'<div><span style="display:inline-block;width:14px;height:14px;margin-right:8px;vertical-align:-2px;'

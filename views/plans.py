@@ -13,15 +13,20 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.robot.toes import ToeKinematics
 from stancekit.planners.terrain import Patch
+from stancekit.runner.motion.stream import streamed
+from stancekit.runner.motion.time_parametrization import RATE_HZ
 
 from .camera import Camera, best_view
 from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
-from .plan_motion import Moment, PlanMotion, ghosts
 from .robots import RobotShape, climber, cone, cone_body, limb_of_three
-from .scene import ON_M, Body, Colour, Label, Layer, Motion, Path, Scene
+from .scene import ON_M, Animation, Body, Colour, Label, Layer, Path, Scene
 from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
 from .sheet import (
     ACCENT,
@@ -46,7 +51,9 @@ MARGIN_M = 0.08
 """Terrain is shown so far beyond everywhere that the robot goes."""
 FILM_PX = (960, 720)
 FPS, STEP_S, HOLD_S = 20.0, 1.2, 0.5
-"""Of films: pictures a second, seconds from key frame to key frame, and at the first and the last."""
+"""Of films: pictures a second, seconds per step, and those that the beginning and the end take in addition."""
+GHOSTS = 3
+"""Key frames beside the one in full, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +67,14 @@ class PlanView:
     drawn_as: RobotShape | None = field(default=None, kw_only=True)
 
     @cached_property
-    def motion(self) -> PlanMotion:
-        """What happens between the key frames."""
-        return PlanMotion(self.plan)
+    def motion(self) -> Motion:
+        """What ``run`` streams."""
+        return streamed(self.plan)
+
+    @cached_property
+    def keys(self) -> PlanMotion:
+        """The key frames as they are planned, and the path of body and feet through them."""
+        return PlanMotion(self.plan, uncarried=True)
 
     @cached_property
     def friction(self) -> ScalarMappable:
@@ -135,9 +147,9 @@ class PlanView:
         ]  # fmt: skip
         return Scene(paths=[*outlines, path], bodies=marks)
 
-    def chosen_at(self, frame: int) -> list[Body]:
-        """The chosen patches under the robot at a frame in full colour; of the others ``fixed`` has the outlines."""
-        return [self._window(int(p)) for p in sorted(set(self.plan.course.holds[frame].tolist()))]
+    def chosen_at(self, now: Samples) -> list[Body]:
+        """The chosen patches that feet stand on in full colour; of the others ``fixed`` has the outlines."""
+        return [self._window(int(p)) for p in np.unique(now.foothold[now.stands])]
 
     @cached_property
     def colours(self) -> list[str]:
@@ -159,28 +171,54 @@ class PlanView:
 
     _windows = cached_property(lambda self: dict[int, Body]())
 
-    def limbs(self, moment: Moment) -> Sequence[Array]:
-        """What moves each limb: angles of a URDF's; else where its joints are, shape (J, 3) [m], the foot last."""
+    def limbs(self, now: Samples) -> Sequence[Array]:
+        """What moves each limb: angles of a URDF's; else where its joints are, shape (J, 3) [m], the foot last.
+
+        Where no angles are known they are found, and those of limbs without a file are a guess, for the eye.
+        """
         if self.shape.links is not None:
-            return self.motion.angles(moment)
-        rotation = np.eye(3) + np.cross(np.eye(3), moment.rotation_rad)  # as the planner has it
+            return self._angles(now) if now.angles_rad is None else self.shape.links.split(now.angles_rad)
+        if now.angles_rad is not None and now.origin_m is not None and self._kinematics is not None:
+            return list(now.origin_m + self._kinematics.chains(now.angles_rad) @ rotation_of(now.rotation_rad).T)
+        rotation = np.eye(3) + np.cross(np.eye(3), now.rotation_rad)  # as the planner has it
         return [
-            limb_of_three(moment.com_m + arm, toe, unit(arm), limb.reach_m)
-            for limb, toe in zip(self.plan.course.robot.limbs, moment.toes_m, strict=True)
+            limb_of_three(now.com_m + arm, toe, unit(arm), limb.reach_m)
+            for limb, toe in zip(self.plan.course.robot.limbs, now.toes_m, strict=True)
             for arm in [rotation @ limb.shoulder_m]
         ]
 
-    def at(self, moment: Moment, *, limbs: Sequence[Array] | None = None, cone_m: float | None = None) -> Scene:
-        """The robot at a moment, and the forces of limbs that carry, in cones as high as the normal force or so."""
-        joints = self.limbs(moment) if limbs is None else limbs
-        bodies = [
-            *self.shape.bodies(moment.com_m, rotation_of(moment.rotation_rad), joints), *self.chosen_at(moment.frame),
-        ]  # fmt: skip
+    def _angles(self, now: Samples) -> list[Array]:
+        """Angles of each leg of a URDF's robot, near those of the key frames around; feet face their surfaces."""
+        model, key = self.plan.course.robot.model, self.plan.joints_rad
+        assert model is not None
+        near = None if key is None else between(key, now.frame)[None]
+        turn = rotation_of(now.rotation_rad)
+        found = ToeKinematics(model).solve(now.com_m[None], turn[None], now.toes_m[None], now.normals[None], near)
+        return [angles[0] for angles in found.angles]
+
+    @cached_property
+    def _kinematics(self) -> Kinematics | None:
+        """Legs that are drawn up for limbs; None where there are none, or pinocchio is not installed."""
+        try:
+            return Kinematics(self.plan.course.robot)
+        except InvalidInput:
+            return None
+
+    def _body(self, now: Samples) -> tuple[Array, Array]:
+        """Where the body is drawn, p_WB and R_WB: where its link is, or else at the centre of mass."""
+        turn = rotation_of(now.rotation_rad)
+        if now.origin_m is None:
+            return now.com_m, turn
+        return now.origin_m + turn @ self.plan.course.robot.origin_m, turn
+
+    def at(self, now: Samples, *, cone_m: float | None = None) -> Scene:
+        """The robot at a time, and the forces of feet that stand, in cones as high as the normal force or so."""
+        bodies = [*self.shape.bodies(*self._body(now), self.limbs(now)), *self.chosen_at(now)]
         arrows = []
-        for i, (toe, force) in enumerate(zip(moment.toes_m, moment.forces_n, strict=True)):
-            foothold = int(self.plan.course.holds[moment.frame, i])
-            height = float(force @ self.chosen[foothold].normal) * self.metres_a_newton
-            if height > 1e-9:
+        for i, (toe, force) in enumerate(zip(now.toes_m, now.forces_n, strict=True)):
+            foothold = int(now.foothold[i])
+            height = float(force @ now.normals[i]) * self.metres_a_newton
+            if foothold >= 0 and height > 1e-9:
                 shape = self._cone(foothold, height) if cone_m is None else self._cones[foothold]
                 bodies.append(cone_body(f"cone {foothold}", shape, toe))
                 arrows.append(self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force))
@@ -195,9 +233,9 @@ class PlanView:
     def _cones(self) -> list[Mesh]:
         return [self._cone(p, 0.3 * self.shape.size_m) for p in range(len(self.chosen))]
 
-    def ghost(self, moment: Moment) -> Scene:
+    def ghost(self, now: Samples) -> Scene:
         """Trunk and limbs as a drawing in thin lines."""
-        return self.shape.ghost(moment.com_m, rotation_of(moment.rotation_rad), self.limbs(moment))
+        return self.shape.ghost(*self._body(now), self.limbs(now))
 
     @cached_property
     def tracks(self) -> Scene:
@@ -205,37 +243,46 @@ class PlanView:
         course, paths = self.plan.course, list[Path]()
         for p, put in enumerate(course.footholds):
             if put.frame:
-                line = self.motion.swing(p, np.linspace(0.0, 1.0, 26))
+                line = self.keys.path.swing(p, np.linspace(0.0, 1.0, 26))
                 paths.append(Path(pieces_m=dashed(line), colour=self.colours[p], opacity=0.55))
         return Scene(paths=paths)
 
-    def names(self, moment: Moment) -> Scene:
+    def names(self, now: Samples) -> Scene:
         """The goal, and every limb with its force."""
         labels = [Label(name="goal", position_m=self.plan.course.goal_m, text="goal", colour=GOAL)]
-        for k, (limb, toe, force) in enumerate(zip(self.shape.limbs, moment.toes_m, moment.forces_n, strict=True)):
+        for k, (limb, toe, force) in enumerate(zip(self.shape.limbs, now.toes_m, now.forces_n, strict=True)):
             text = f"{limb} {np.linalg.norm(force):.0f} N"
             labels.append(Label(name=limb, position_m=toe, text=text, colour=leg_colour(k)))
         return Scene(labels=labels)
 
     def scene(self, frame: int) -> Scene:
         """The whole picture, the robot in full at one key frame and as ghosts at some others."""
-        moment = self.motion.key(frame)
-        found = self.fixed + self.tracks + self.at(moment) + self.names(moment)
+        now = self.keys.key(frame)
+        found = self.fixed + self.tracks + self.at(now) + self.names(now)
         for k in ghosts(self.plan, frame):
-            found += self.ghost(self.motion.key(k))
+            found += self.ghost(self.keys.key(k))
         return found
 
-    def film(self, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S) -> Motion:
-        """The plan as a motion: it stays at the first and the last key frame, and takes its time between two."""
-        count = frame_count(self.plan, fps=fps, step_s=step_s, hold_s=hold_s)
-        times = [min(max(index / fps - hold_s, 0.0) / step_s, self.motion.end) for index in range(count)]
-        moments = [self.motion.at(time) for time in times]
+    def film(self, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S) -> Animation:
+        """The plan's motion at an even pace, as much faster than it is run as lets each step last ``step_s``."""
+        times = self.shown_s(frame_count(self.plan, fps=fps, step_s=step_s, hold_s=hold_s))
+        speed = float(times[-1]) * fps / (len(times) - 1)
+        shown = [self.motion.at(float(time_s)) for time_s in times]
         last, height = self.plan.course.frames - 1, 0.3 * self.shape.size_m
-        return Motion(
-            fixed=self.fixed, moments=[self.at(each, cone_m=height) for each in moments], step_s=1.0 / fps,
-            camera=self.camera, title=self.plan.course.name, legend=self.legend,
-            notes=[f"key frame {each.frame} of {last}   ·   {SCALE}" for each in moments],
+        return Animation(
+            fixed=self.fixed, moments=[self.at(each, cone_m=height) for each in shown], step_s=1.0 / fps,
+            camera=self.camera, title=f"{self.plan.course.name}, at {speed:.2g} times its pace", legend=self.legend,
+            notes=[f"key frame {int(each.frame + 1e-9)} of {last}   ·   {SCALE}" for each in shown],
         )  # fmt: skip
+
+    def between_keys(self, progress: float) -> Samples:
+        """Body and feet a share of the time between two key frames, e.g. at 1.5 half of it after key frame 1."""
+        reached = self.keys.reached_s
+        return self.keys.at(float(np.interp(progress, np.arange(len(reached)), reached)))
+
+    def shown_s(self, count: int) -> Array:
+        """Times of so many pictures of the motion, each that of a row that is streamed, shape (count,) [s]."""
+        return np.round(np.linspace(0.0, self.motion.duration_s, count) * RATE_HZ) / RATE_HZ
 
     @property
     def legend(self) -> list[tuple[Colour, str]]:
@@ -293,3 +340,16 @@ def plan_frames(plan: Plan, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
 def frame_count(plan: Plan, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S) -> int:
     """Pictures of a film of the plan."""
     return round(fps * (step_s * (plan.course.frames - 1) + 2.0 * hold_s)) + 1
+
+
+def ghosts(plan: Plan, shown: int) -> list[int]:
+    """Key frames to show beside one, evenly spread and the first among them."""
+    others = np.linspace(0, plan.course.frames - 1, GHOSTS + 1).round().astype(int).tolist()
+    return sorted(set(others) - {shown})[:GHOSTS]
+
+
+def between(key: Array, frame: Array) -> Array:
+    """A row between those of key frames, on the straight line, shape (J,)."""
+    first = int(frame)
+    then = min(first + 1, len(key) - 1)
+    return np.asarray(key[first] + (frame - first) * (key[then] - key[first]))

@@ -1,7 +1,7 @@
 """What is drawn, as plain data in the world frame and metres: a robot's bodies, terrain, forces, paths and footholds.
 
-A picture is one ``Scene``, a page or a film a ``Motion``; ``still``, ``page`` and ``film`` draw them, whatever they are
-of. A body's shape is a capsule, a sphere, a box or a mesh, so that made-up limbs and a URDF's links are drawn alike.
+A picture is one ``Scene``, a page or a film an ``Animation``; ``still``, ``page`` and ``film`` draw them, whatever they
+are of. A body's shape is a capsule, a sphere, a box or a mesh, so that made-up limbs and a URDF's links look alike.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ class Scene:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class Animation:
     """What stays, and what is there at each of T moments, ``step_s`` apart, as seen by a camera.
 
     Of the moments' parts, those of one name are one thing that moves. notes: what is said at each moment. title, note:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.validation import shown
-from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
 
 NUMBERS = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")
@@ -37,7 +36,7 @@ class LeapPlan:
         >>> import numpy as np, stancekit
         >>> from stancekit.planners.problem.leap_json import leap_from_keys
         >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
-        >>> stancekit.plan(leap).plan.at(np.array([0.0, 0.5]))["com_m"].shape
+        >>> stancekit.motion_of(stancekit.plan(leap).plan).at(np.array([0.0, 0.5])).com_m.shape
         (2, 3)
     """
 
@@ -67,31 +66,3 @@ class LeapPlan:
     def times_s(self) -> Array:
         """Ends of the intervals, shape (M + 1,) [s]."""
         return self.leap.times_s(self.timing)
-
-    def at(self, times_s: Array) -> dict[str, Array]:
-        """Body, toes and forces at some times: com_m, velocity_m_s, rotation_rad (K, 3), forces_n (K, N, 3), toes_m.
-
-        times_s: shape (K,), within the leap [s]. toes_m, shape (K, N, 3), are NaN where a limb is lifted. c and v are
-        exact; Θ lies between its ends as of a cubic.
-        """
-        ends, when = self.times_s, np.asarray(times_s, dtype=np.float64)
-        k = np.clip(np.searchsorted(ends, when, side="right") - 1, 0, len(ends) - 2)
-        t, last = (when - ends[k])[:, None], (ends[k + 1] - ends[k])[:, None]
-        fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        push = self.forces_n[k].sum(axis=1) / self.leap.robot.mass_kg + fall
-        inertia = self.leap.robot.inertia
-        assert inertia is not None
-        rates = self.momentum_m2_s @ np.linalg.inv(inertia / self.leap.robot.mass_kg).T
-        s = t / last
-        first, second = self.rotation_rad[k], self.rotation_rad[k + 1]
-        rotation = (2 * s**3 - 3 * s**2 + 1) * first + (3 * s**2 - 2 * s**3) * second
-        rotation += last * ((s**3 - 2 * s**2 + s) * rates[k] + (s**3 - s**2) * rates[k + 1])
-        holds = self.leap.holds[self.leap.interval_phases[k]]
-        toes = np.where(holds[..., None] >= 0, self.toes_m[np.maximum(holds, 0)], np.nan)
-        return {
-            "com_m": self.com_m[k] + t * self.velocity_m_s[k] + 0.5 * t**2 * push,
-            "velocity_m_s": self.velocity_m_s[k] + t * push,
-            "rotation_rad": rotation,
-            "toes_m": toes,
-            "forces_n": self.forces_n[k],
-        }

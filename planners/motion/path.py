@@ -86,16 +86,16 @@ class Moments:
 
 
 class PlanPath:
-    """The path of a plan. clearance_m: how far feet are lifted.
+    """The path of a plan. clearance_m: how far feet are lifted. uncarried: all limbs may lift at once.
 
     normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m]. Raises InvalidInput
-    where all limbs lift at once: nobody carries, and no position control can do that.
+    where all limbs lift at once unless they may: nobody carries, and no position control can do that.
     """
 
-    def __init__(self, plan: Plan, clearance_m: float = CLEARANCE_M) -> None:
+    def __init__(self, plan: Plan, clearance_m: float = CLEARANCE_M, *, uncarried: bool = False) -> None:
         self.plan, self._clearance_m, course = plan, clearance_m, plan.course
         self._names = course.robot.limb_names
-        if course.uncarried:
+        if course.uncarried and not uncarried:
             raise InvalidInput(
                 f"frame {course.uncarried[0]}: expected limbs that stay and carry the robot, got a schedule that lifts "
                 "all of them at once: no position control can execute that"
@@ -145,6 +145,17 @@ class PlanPath:
             return (across,)
         lift = Segment(frames=(k - 1, k - 1), foothold=foothold, surface=leaves, feet_m=corners[:2], part=0)
         return lift, across, Segment(frames=(k, k), foothold=foothold, surface=comes, feet_m=corners[2:], part=2)
+
+    def swing(self, foothold: int, shares: Array) -> Array:
+        """Where a toe is at shares of its way to a foothold, shape (K, 3) [m]: up, across and down."""
+        put = self.plan.course.footholds[foothold]
+        step, limb = self.steps[put.frame - 1], self._names.index(put.limb)
+        ends = [(segment.feet_m[:, limb], self.normals[segment.surface[limb]]) for segment in step]
+        feet = [feet[end] for feet, _ in ends for end in (0, 1)]
+        normals = [ends[0][1]] * (len(feet) // 2) + [ends[-1][1]] * (len(feet) // 2)
+        toes = np.array(feet) - self.radii_m[limb] * np.array(normals)
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(toes, axis=0), axis=1))])
+        return np.stack([np.interp(shares * way[-1], way, axis) for axis in toes.T], axis=1)
 
     def moments(self, apart_m: float = APART_M) -> Moments:
         """The whole path, with its first and its last moment; none goes farther than this from the one before.

@@ -19,13 +19,15 @@ ROUNDS = 6
 """The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth of it."""
 
 
-def walk_joints(trajectory: Trajectory) -> LegPostures:
-    """Angles at every sample, each found from the standing posture; feet face the ground below them, also in the air.
+def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPostures:
+    """Angles at every sample, or some, each found from the standing posture; feet face the ground below them, also in
+    the air.
 
     Raises InvalidInput for a robot that is but boxes.
     """
-    model, normals = _model(trajectory), _normals(trajectory)
-    return ToeKinematics(model).solve(trajectory.torso_m, trajectory.rotation, trajectory.feet_m, normals)
+    model, normals = _model(trajectory), _normals(trajectory)[samples]
+    torso, rotation, feet = trajectory.torso_m[samples], trajectory.rotation[samples], trajectory.feet_m[samples]
+    return ToeKinematics(model).solve(torso, rotation, feet, normals)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.files.arrays import Array, check_numbers, cross, read_only
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.urdf_reader import pinocchio
 from stancekit.planners.terrain.patch import contact_frames
-
-from ..motion.motion import MotionSample
 
 EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
@@ -87,7 +86,7 @@ class BodyController:
         return np.concatenate([self._mass * force, moment])
 
     def forces(
-        self, wrench: Array, sample: MotionSample, arms_m: Array, planned_n: Array, stands: NDArray[np.bool_]
+        self, wrench: Array, sample: Samples, arms_m: Array, planned_n: Array, stands: NDArray[np.bool_]
     ) -> Array:
         """Forces of all feet, those of the plan and the wrench together, shape (N, 3) [N].
 
@@ -112,7 +111,7 @@ class BodyController:
         found[stands] = np.einsum("nik,nk->ni", frames, self._inside(force, asked.friction))
         return found
 
-    def _friction(self, sample: MotionSample) -> Array:
+    def _friction(self, sample: Samples) -> Array:
         """The part of μ that the forces of every foot may use, shape (N,)."""
         along = np.einsum("ij,ij->i", sample.forces_n, sample.normals)
         across = np.linalg.norm(sample.forces_n - along[:, None] * sample.normals, axis=1)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem.course import Course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
@@ -26,7 +27,6 @@ from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
 from ..motion.redundancy import Continued
-from ..motion.timeline import PlanMotion
 from ..prepared import Prepared, Resumption
 from ..record import Record
 from ..run import Runner
@@ -166,7 +166,7 @@ class ClosedLoop:
         target, state = record.pairs[-1]
         places = list[tuple[Patch, NDArray[np.float64]]]()
         for limb in np.flatnonzero(self._fell):
-            patch = plan.course.patch(target.sample.foothold[limb], plan.choice)
+            patch = plan.course.patch(int(target.sample.foothold[limb]), plan.choice)
             places.append((patch, state.feet_m[limb]))
             self._surfaces.append(f"limb {plan.course.robot.limb_names[limb]}: nothing at frame {self._frame}")
             runner.decide("step back", self._surfaces[-1])
@@ -178,7 +178,7 @@ class ClosedLoop:
 
     def _next(self, before: Prepared[PlanMotion], target: Target, state: State) -> Prepared[PlanMotion]:
         """The next plan, from where the robot is measured to stand, or else from where it should."""
-        index, plan = round(target.sample.frame), before.motion.plan
+        index, plan = round(float(target.sample.frame)), before.motion.plan
         near = np.array(state.angles_rad if before.sees else target.angles_rad)
         held = [plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index]]
         patches = tuple(patch.with_friction(patch.friction / self._planning.planned_share) for patch in held)
@@ -251,11 +251,11 @@ class ClosedLoop:
         if not np.isfinite(limit_m):
             return False
         self._slid = bool(self._slips.slipping(target, state).any())
-        stands, new = min(target.sample.foothold) >= 0, away - self._begun_m > limit_m
+        stands, new = bool(target.sample.stands.all()), away - self._begun_m > limit_m
         return self._slid or bool(self._fell.any()) or (stands and away > limit_m and new)
 
     def _count(self, record: Record, begun: int) -> None:
         """How far it came."""
         if record.pairs:
-            self._frame = begun + round(record.pairs[-1][0].sample.frame)
+            self._frame = begun + round(float(record.pairs[-1][0].sample.frame))
             self._seconds += len(record.pairs) / self.runner.world.rate_hz

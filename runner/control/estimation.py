@@ -31,7 +31,7 @@ def deviation_m(target: Target, state: State, kinematics: Kinematics, seeks: NDA
     """How far the body or a foot that stands is from the plan [m]. seeks: feet that do not yet, shape (N,)."""
     sample = target.sample
     body = float(np.linalg.norm(measured_com_m(kinematics, state) - sample.com_m))
-    stands = (np.array(sample.foothold) >= 0) & ~seeks
+    stands = sample.stands & ~seeks
     feet = np.linalg.norm(state.feet_m - target.rolled_m - sample.feet_m, axis=1)[stands]
     return max(body, float(feet.max(initial=0.0)))
 

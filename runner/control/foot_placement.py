@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.files.arrays import Array, check_numbers
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.kinematics import Kinematics
 
-from ..motion.motion import MotionSample
 from ..worlds.world import State
 from .body_feedback import BodyPose
 
@@ -74,26 +74,26 @@ class FootPlacement:
     """
 
     def __init__(
-        self, first: MotionSample, kinematics: Kinematics, feedback: ContactFeedback, *, weight_n: float, step_s: float,
+        self, first: Samples, kinematics: Kinematics, feedback: ContactFeedback, *, weight_n: float, step_s: float,
         period_s: float,
     ) -> None:  # fmt: skip
         self._kinematics, self._feedback, self._weight = kinematics, feedback, weight_n
         self._step_s, self._period_s = step_s, period_s
         self._most_step = STEP * kinematics.model.stand_height_m
-        self.touched, self._landed, self._planned = np.array(first.foothold) >= 0, first.feet_m, first.feet_m
+        self.touched, self._landed, self._planned = first.stands, first.feet_m, first.feet_m
         self._stepped, self.moved_m, self._drift = (np.zeros_like(first.feet_m) for _ in range(3))
         self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
         self._depth, self._borne = np.zeros(len(first.feet_m)), np.ones(len(first.feet_m))
         self._listened, self._variance = 0.0, 0.0
 
-    def seek(self, now: MotionSample, then: MotionSample, felt_n: Array, late: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def seek(self, now: Samples, then: Samples, felt_n: Array, late: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Lower feet that should touch and do not; for which that were in the air just now to wait, shape (N,).
 
         felt_n: along the normals, shape (N,). late: legs whose joints are not where they should be: they come first.
         """
-        self._listen(np.minimum(felt_n[np.array(then.foothold) < 0], 0.0))
+        self._listen(np.minimum(felt_n[~then.stands], 0.0))
         wanted = np.einsum("ij,ij->i", then.forces_n, then.normals)
-        stands, lands = np.array(then.foothold) >= 0, np.array(now.foothold) < 0
+        stands, lands = then.stands, ~now.stands
         late = late & stands & lands & self._feedback.waits
         missing = stands & ~late & (lands | (wanted > 4.0 * self._touch_n))
         missing &= (felt_n < self._touch_n) & (self._depth < self._feedback.seek_m)
@@ -113,14 +113,14 @@ class FootPlacement:
             self._variance += (2.0 * float(np.mean(below_n**2)) - self._variance) * self._period_s / self._listened
 
     def follow(
-        self, now: MotionSample, then: MotionSample, felt_n: Array, rolled_m: Array, seen: tuple[State, BodyPose] | None
+        self, now: Samples, then: Samples, felt_n: Array, rolled_m: Array, seen: tuple[State, BodyPose] | None
     ) -> None:
         """Find ``touched`` and ``moved_m``, which goes smoothly to where it should be.
 
         rolled_m: how far feet have rolled, shape (N, 3). seen: the robot, and where its body should be; None where that
         is not measured.
         """
-        stands, goal = np.array(then.foothold) >= 0, np.zeros_like(self.moved_m)
+        stands, goal = then.stands, np.zeros_like(self.moved_m)
         if seen is None:
             self.touched = stands
         else:
@@ -143,10 +143,10 @@ class FootPlacement:
         self._drift = left * (self._drift - turns * coming)
 
     def _land(
-        self, now: MotionSample, then: MotionSample, felt: Array, found: State, rolled: Array
+        self, now: Samples, then: Samples, felt: Array, found: State, rolled: Array
     ) -> NDArray[np.bool_]:
         """Which feet land just now, early or late, shape (N,); where they do is kept."""
-        before, stands = self.touched, np.array(then.foothold) >= 0
+        before, stands = self.touched, then.stands
         comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
         early = comes & (felt >= max(EARLY * self._weight, self._touch_n))
         self.touched = (stands & (before | (felt >= self._touch_n))) | (~stands & comes & (before | early))
@@ -156,12 +156,12 @@ class FootPlacement:
         self._depth = np.where(landed, 0.0, self._depth)
         return np.asarray(landed)
 
-    def _stay(self, then: MotionSample, early: NDArray[np.bool_], landed: NDArray[np.bool_]) -> None:
+    def _stay(self, then: Samples, early: NDArray[np.bool_], landed: NDArray[np.bool_]) -> None:
         """Feet that have landed early stop at once, although their path goes on: late, they would push the ground."""
         self.moved_m = np.where(early[:, None], self.moved_m - (then.feet_m - self._planned), self.moved_m)
         self._drift = np.where((early & landed)[:, None], 0.0, self._drift)
 
-    def _free(self, carried: Array, felt: Array, then: MotionSample) -> Array:
+    def _free(self, carried: Array, felt: Array, then: Samples) -> Array:
         """What feet take of the way from their places to those for a body that is where it should be, (N, 3) [m].
 
         All of it until they bear; of those that step aside with the body, in the air, half of what is along their
@@ -175,15 +175,15 @@ class FootPlacement:
         up = np.einsum("ij,ij->i", carried, then.normals)[:, None] * then.normals
         return np.asarray(np.where(self.touched[:, None], bears, LEVEL * up))
 
-    def _lean(self, then: MotionSample, landed: NDArray[np.bool_]) -> None:
+    def _lean(self, then: Samples, landed: NDArray[np.bool_]) -> None:
         """Find ``shift_m``: a body that is pulled to its place over feet that stepped aside tips over them, the other
         way; one that goes with its feet never comes back."""
         self._aside = np.where(landed[:, None], self._landed - then.feet_m, self._aside)
-        bear = np.where(self.touched & (np.array(then.foothold) >= 0), then.forces_n[:, 2].clip(0.0), 0.0)
+        bear = np.where(self.touched & then.stands, then.forces_n[:, 2].clip(0.0), 0.0)
         if self._step_s > 0.0 and bear.any():
             self.shift_m = WITH_FEET * (bear @ self._aside) / bear.sum() * [1.0, 1.0, 0.0]
 
-    def _step(self, found: State, body: BodyPose, sample: MotionSample) -> Array:
+    def _step(self, found: State, body: BodyPose, sample: Samples) -> Array:
         """How far feet that go with the body step aside, along their surfaces, (N, 3) [m]: to where it comes to rest
         over them, x + v √(h/g) of what it is off, and a little farther."""
         if self._step_s == 0.0:

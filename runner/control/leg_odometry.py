@@ -38,7 +38,7 @@ class LegOdometry:
 
     def seen(self, target: Target, state: State) -> State:
         """A state with the body's pose, velocity and feet by odometry. target: what this state came of."""
-        feet, stood = self._kinematics.feet(state.angles_rad), np.array(target.sample.foothold)
+        feet, stood = self._kinematics.feet(state.angles_rad), target.sample.foothold
         if self._felt:
             stood = np.where(np.linalg.norm(state.forces_n, axis=1) > TOUCH_N, stood, -1)
         held, (origin, rotation) = (stood >= 0) & (stood == self._before), (self.origin_m, self.rotation)

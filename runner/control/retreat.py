@@ -5,14 +5,16 @@ It is the motion of an accepted plan in reverse and slower; the guard looks at w
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples, smooth, smooth_rate
+from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.terrain.prism import Solid
 
-from ..motion.motion import MotionSample, smooth
 from ..motion.redundancy import Continued
-from ..motion.timeline import PlanMotion
 from ..prepared import Prepared, Tracked
 from ..record import Record
 from ..run import Runner
@@ -37,19 +39,24 @@ class Retreat:
         return cls(motion, *motion.step_s(frame))
 
     @property
-    def seconds(self) -> float:
+    def duration_s(self) -> float:
         """How long it takes [s]."""
         return SLOWER * (self._end_s - self._begin_s)
 
     @property
     def knots_s(self) -> Array:
         """As of ``Motion``."""
-        return np.linspace(0.0, self.seconds, KNOTS)
+        return np.linspace(0.0, self.duration_s, KNOTS)
 
-    def at(self, time_s: float) -> MotionSample:
-        """What should be at a time; the ends are held."""
-        passed = smooth(min(max(time_s / self.seconds, 0.0), 1.0))
-        return self._motion.at(self._end_s + passed * (self._begin_s - self._end_s))
+    def at(self, times_s: float | Array) -> Samples:
+        """The samples at times; the ends are held."""
+        share = np.clip(np.asarray(times_s) / self.duration_s, 0.0, 1.0)
+        back_s = self._begin_s - self._end_s
+        there = self._motion.at(self._end_s + smooth(share) * back_s)
+        rate = (smooth_rate(share) * back_s / self.duration_s)[..., None]
+        return replace(
+            there, velocity_m_s=rate * there.velocity_m_s, rotation_rate_rad_s=rate * there.rotation_rate_rad_s
+        )
 
 
 def step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state: State) -> Record:

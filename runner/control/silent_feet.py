@@ -34,7 +34,7 @@ class SilentFeet:
         """Which foot is silent, and since when it is known, in one line; empty where none is. One more period."""
         sample = target.sample
         wanted_n, felt_n = (np.einsum("ij,ij->i", each.forces_n, sample.normals) for each in (sample, state))
-        presses = (np.array(sample.foothold) >= 0) & (wanted_n >= self._presses_n)
+        presses = sample.stands & (wanted_n >= self._presses_n)
         self._silent = np.where(felt_n >= TOUCH_N, 0.0, self._silent + presses)
         limb = int(np.argmax(self._silent))
         if self._silent[limb] < self._periods:

@@ -18,12 +18,12 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
 
-from ..motion.motion import MotionSample
 from ..motion.redundancy import Continued
 from ..prepared import Tracked
 from ..record import Record
@@ -57,23 +57,23 @@ class SlipDetector:
     def __init__(self, rate_hz: float) -> None:
         self._window, self._stood = max(1, round(WINDOW_S * rate_hz)), round(STOOD_S * rate_hz)
         self._feet = deque[Array](maxlen=self._window + 1)
-        self._foothold: tuple[int, ...] = ()
+        self._foothold: NDArray[np.int_] | None = None
         self._since = np.zeros(0, dtype=int)
 
     def slipping(self, target: Target, state: State) -> NDArray[np.bool_]:
         """shape (N,)."""
         sample = target.sample
-        if not self._foothold:
+        if self._foothold is None:
             self._since = np.full(len(sample.foothold), self._stood)
         else:
-            same = np.array(sample.foothold) == np.array(self._foothold)
+            same = sample.foothold == self._foothold
             self._since = np.where(same, self._since + 1, 0)
         self._foothold = sample.foothold
         self._feet.append(state.feet_m - target.rolled_m)
         moved = self._feet[-1] - self._feet[0]
         along = moved - np.einsum("ij,ij->i", moved, sample.normals)[:, None] * sample.normals
         loaded = np.einsum("ij,ij->i", state.forces_n, sample.normals) > LOADED_N
-        stands = (np.array(sample.foothold) >= 0) & (self._since >= self._stood)
+        stands = sample.stands & (self._since >= self._stood)
         return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > SLID_M))
 
 
@@ -88,36 +88,41 @@ class StandingMotion:
     solids: tuple[Solid, ...] = ()
 
     def __init__(
-        self, now: MotionSample, *, com_m: Array, rotation_rad: Array, feet_m: Array, toes_m: Array, normals: Array,
-        forces_n: tuple[Array, Array], foothold: tuple[int, ...],
+        self, now: Samples, *, com_m: Array, rotation_rad: Array, feet_m: Array, toes_m: Array, normals: Array,
+        forces_n: tuple[Array, Array], foothold: NDArray[np.int_],
     ) -> None:  # fmt: skip
         self._now, self._com, self._rotation, self._feet = now, com_m, rotation_rad, feet_m
         self._down, self._normals, self._forces = toes_m + FOOT_RADIUS_M * normals, normals, forces_n
-        self._foothold, self._air = foothold, np.array(now.foothold) < 0
+        self._foothold, self._air = foothold, ~now.stands
         lengths_m = np.linalg.norm(self._down - feet_m, axis=1)[self._air]
         self._land_s = float(lengths_m.max(initial=0.0)) / LAND_M_S
 
     @property
-    def seconds(self) -> float:
+    def duration_s(self) -> float:
         """How long it takes [s]."""
         return self._land_s + STAND_S
 
     @property
     def knots_s(self) -> Array:
         """As of ``Motion``."""
-        return np.linspace(0.0, self.seconds, KNOTS)
+        return np.linspace(0.0, self.duration_s, KNOTS)
 
-    def at(self, time_s: float) -> MotionSample:
-        """What should be at a time; the ends are held."""
-        down = time_s >= self._land_s
-        part = 1.0 if down else time_s / self._land_s
+    def at(self, times_s: float | Array) -> Samples:
+        """The samples at times; the ends are held."""
+        when, limbs = np.asarray(times_s, dtype=np.float64), len(self._feet)
+        down = when >= self._land_s
+        part = np.where(down, 1.0, when / max(self._land_s, 1e-9))[..., None, None]
         moved = part * (self._down - self._feet)
-        return MotionSample(
-            com_m=self._com, rotation_rad=self._rotation, frame=self._now.frame,
+        landed, still = down[..., None], np.zeros((*when.shape, 3))
+        return Samples(
+            com_m=still + self._com, velocity_m_s=still, rotation_rad=still + self._rotation, rotation_rate_rad_s=still,
+            frame=np.broadcast_to(self._now.frame, when.shape),
             feet_m=self._feet + np.where(self._air[:, None], moved, 0.0),
-            forces_n=self._forces[1] if down else self._forces[0],
-            foothold=self._foothold if down else self._now.foothold, normals=self._normals,
-            friction=self._now.friction,
+            radii_m=np.full(limbs, FOOT_RADIUS_M),
+            forces_n=np.where(landed[..., None], self._forces[1], self._forces[0]),
+            foothold=np.where(landed, self._foothold, self._now.foothold),
+            normals=np.broadcast_to(self._normals, (*when.shape, limbs, 3)),
+            friction=np.broadcast_to(self._now.friction, (*when.shape, limbs)),
         )  # fmt: skip
 
 
@@ -148,15 +153,15 @@ class SlipRecovery:
                 break
         return target, state, periods / rate_hz
 
-    def _motion(self, plan: Plan, now: MotionSample, state: State, shares: Shares) -> StandingMotion:
+    def _motion(self, plan: Plan, now: Samples, state: State, shares: Shares) -> StandingMotion:
         """Standing where the robot is, with forces for the first share that has any, else those of now."""
-        course, index = plan.course, round(now.frame)
-        holds = tuple(int(foothold) for foothold in course.holds[index])
-        patches = [course.patch(foothold, plan.choice) for foothold in holds]
+        course, index = plan.course, round(float(now.frame))
+        holds = course.holds[index]
+        patches = [course.patch(int(foothold), plan.choice) for foothold in holds]
         normals, friction = (np.array([getattr(patch, name) for patch in patches]) for name in ("normal", "friction"))
         under = state.feet_m - FOOT_RADIUS_M * normals
         toes = np.array([nearest_on(patch, toe) for patch, toe in zip(patches, under, strict=True)])
-        com_m, stands = measured_com_m(self._kinematics, state), np.array(now.foothold) >= 0
+        com_m, stands = measured_com_m(self._kinematics, state), now.stands
         turned = Rotation.from_matrix(state.rotation).as_rotvec()
 
         def shared(legs: NDArray[np.bool_]) -> Array | None:
@@ -170,7 +175,7 @@ class SlipRecovery:
         first, then = shared(stands), shared(np.full_like(stands, True))
         first = now.forces_n if first is None else first
         return StandingMotion(
-            replace(now, frame=float(index), friction=shares[0] * friction), com_m=com_m, rotation_rad=turned,
+            replace(now, frame=np.array(float(index)), friction=shares[0] * friction), com_m=com_m, rotation_rad=turned,
             feet_m=state.feet_m, toes_m=toes, normals=normals, forces_n=(first, first if then is None else then),
             foothold=holds,
         )  # fmt: skip

@@ -47,7 +47,7 @@ class EmptyStep:
     def found(self, target: Target, state: State) -> NDArray[np.bool_]:
         """Which feet came down on nothing, shape (N,), by what was sent and measured in this period and before."""
         sample = target.sample
-        foothold = np.array(sample.foothold)
+        foothold = sample.foothold
         if self._foothold is None:  # those that stand from the beginning stand on something
             self._bore, self._empty = np.where(foothold >= 0, self._periods, 0), np.zeros(len(foothold), dtype=int)
             self._foothold = foothold

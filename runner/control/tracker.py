@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.motion.joints import STRAY_M
+from stancekit.planners.motion.motion import Motion, Samples, smooth
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
 
-from ..motion.motion import Motion, MotionSample, smooth
 from ..motion.redundancy import RedundancyResolution, resolved
 from ..worlds.drives import Drives
 from ..worlds.world import State
@@ -47,7 +47,7 @@ class Target:
     """
 
     targets_rad: Array
-    sample: MotionSample
+    sample: Samples
     origin_m: Array
     shift_m: Array
     angles_rad: Array
@@ -59,7 +59,7 @@ class Target:
     def entry(self) -> dict[str, Any]:
         """What a log keeps of it beside the command: the planned body and forces, and what every foot stands on."""
         sample = self.sample
-        return {"origin_m": self.origin_m, "forces_n": sample.forces_n, "foothold": list(sample.foothold),
+        return {"origin_m": self.origin_m, "forces_n": sample.forces_n, "foothold": sample.foothold.tolist(),
                 "rolled_m": self.rolled_m, "loop_share": self.loop_share}  # fmt: skip
 
 
@@ -87,7 +87,7 @@ class Tracker:
         self._body = BodyController(kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body)
         self._feels_body = body.acts
         self._loops = LoopStiffness(self._drives, self._period_s, feedback.memory_s)
-        self._samples: tuple[tuple[float, MotionSample], ...] = ()
+        self._samples: tuple[tuple[float, Samples], ...] = ()
         self._found: _Found | None = None
         self._placed: tuple[Array, Array] | None = None
         self._rates = np.zeros(len(kinematics.joints))
@@ -124,7 +124,7 @@ class Tracker:
         return self._kinematics
 
     @property
-    def coming(self) -> MotionSample:
+    def coming(self) -> Samples:
         """What should be at the end of the next period."""
         return self._at(self._time_s + self._swing.pace * self._period_s)
 
@@ -138,7 +138,7 @@ class Tracker:
             self._found = _Found(state, self._kinematics.loads(state.angles_rad, state.rotation))
             given = self._kinematics.torques_of(self._found.loads, forces_n)
             self._loops.see(state, given, self._of(self._feet.touched))
-        if self._time_s >= self._motion.seconds:
+        if self._time_s >= self._motion.duration_s:
             return None
         now, then = self._at(self._time_s), self.coming
         felt = np.einsum("ij,ij->i", forces_n, then.normals)
@@ -148,13 +148,13 @@ class Tracker:
             origin, rotation = self._placed
             seen = self._found.state, BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
         self._feet.follow(now, then, felt, self._rolled, seen)
-        self._press(then, forces_n, np.array(then.foothold) >= 0)
+        self._press(then, forces_n, then.stands)
         if lands.any():
             return self._target(now)
         self._time_s += self._swing.pace * self._period_s
         return self._target(then)
 
-    def _at(self, time_s: float) -> MotionSample:
+    def _at(self, time_s: float) -> Samples:
         """What should be at a time: what comes is asked for twice, and a period later is what was."""
         for known, sample in self._samples:
             if known == time_s:
@@ -162,7 +162,7 @@ class Tracker:
         self._samples = (*self._samples[-1:], (time_s, self._motion.at(time_s)))
         return self._samples[-1][1]
 
-    def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
+    def _press(self, sample: Samples, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing of the forces with which feet press against each other; what of the sum would move or
         turn the body as a whole, as when a foot that pressed against others has lifted, fades out."""
         hangs, wanted = stands & (stands & sample.steep).any(), sample.forces_n
@@ -182,10 +182,10 @@ class Tracker:
         most = float(np.linalg.norm(pressed, axis=1).max())
         self._pressed = pressed * min(1.0, self._feedback.press_n / max(most, 1e-9))
 
-    def _target(self, sample: MotionSample) -> Target:
+    def _target(self, sample: Samples) -> Target:
         angles, error, origin = self._solved(sample)
         if self._feedback.waits:
-            angles = self._swing.led(self._angles, self._rates, angles, np.array(sample.foothold) < 0)
+            angles = self._swing.led(self._angles, self._rates, angles, ~sample.stands)
         rotation = rotation_of(sample.rotation_rad)
         loads = self._kinematics.loads(angles, rotation)
         planned = self._kinematics.torques_of(loads, sample.forces_n)
@@ -206,7 +206,7 @@ class Tracker:
             loop_share=self._loops.share,
         )  # fmt: skip
 
-    def _given(self, sample: MotionSample, loads: tuple[Array, Array], origin: Array, rotation: Array) -> Array:
+    def _given(self, sample: Samples, loads: tuple[Array, Array], origin: Array, rotation: Array) -> Array:
         """Torques for the planned forces, those that are missing, and those that bring the body to its place."""
         pressed = sample.forces_n + self._pressed
         placed, self._placed = self._placed, (origin, rotation)
@@ -223,12 +223,12 @@ class Tracker:
         forces = self._body.forces(self._body.wrench(wanted, seen), sample, arms, pressed, self._feet.touched)
         return self._kinematics.torques_of(self._found.loads, forces)
 
-    def _roll(self, sample: MotionSample, turned: Array) -> None:
+    def _roll(self, sample: Samples, turned: Array) -> None:
         """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet, (N, 3, 3)."""
         between = turned @ self._turned.transpose(0, 2, 1)
         turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
         moved = self._kinematics.radii_m[:, None] * cross(turn, sample.normals)
-        stands = np.array(sample.foothold)[:, None] >= 0
+        stands = sample.stands[:, None]
         self._rolled = np.where(stands, self._rolled + moved, FADES * self._rolled)
         self._turned = turned
 
@@ -236,7 +236,7 @@ class Tracker:
         """The same of their joints."""
         return np.asarray(self._kinematics.of_joints(legs.astype(np.float64)) > 0.0)
 
-    def _solved(self, sample: MotionSample) -> tuple[Array, Array, Array]:
+    def _solved(self, sample: Samples) -> tuple[Array, Array, Array]:
         """Angles, errors of the feet and the body's origin."""
         rotation = rotation_of(sample.rotation_rad)
         origin = sample.com_m - rotation @ self._shift
@@ -245,7 +245,7 @@ class Tracker:
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)
-        air, aside = np.array(sample.foothold) < 0, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
+        air, aside = ~sample.stands, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
         stuck = air & ((error > STRAY_M) | (self._feedback.waits & (aside > ASIDE_RAD)))
         if stuck.any():  # at a limit on its path, or in another posture: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)

@@ -6,12 +6,12 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Motion
 from stancekit.planners.robot.actuators import ActuatorModel
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 from ..needs import JointNeeds
 from ..worlds.drives import Drives
-from .motion import Motion
 from .redundancy import RedundancyResolution
 
 SAMPLED_S = 0.02
@@ -32,7 +32,7 @@ def check_at_rest(
         kinematics.torques(angles, rotation_of(sample.rotation_rad), sample.forces_n)
         for angles, sample in zip(wished.path_rad, samples, strict=True)
     ])  # fmt: skip
-    times = np.arange(0.0, motion.seconds, SAMPLED_S)
+    times = np.arange(0.0, motion.duration_s, SAMPLED_S)
     even = np.stack([np.interp(times, motion.knots_s, joint) for joint in torques.T], axis=1)
     check_actuators(source, drives, even, SAMPLED_S, share, CLEARLY)
 

@@ -21,14 +21,13 @@ from scipy.ndimage import gaussian_filter1d
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
+from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg_ik import NEAR, clearance_of, posture_cost
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.urdf import JOINTS, link_lengths, outward_rad
 from stancekit.planners.terrain.prism import Solid
-
-from .motion import Motion, MotionSample
-from .timeline import PlanMotion
 
 ROUGH = 10
 """The shift of the centre of mass, which depends on the postures, is looked at at every tenth knot."""
@@ -120,7 +119,7 @@ def _from(near_rad: Array | None, path: Array, motion: Motion, times: Array) -> 
     A robot that stands has no other way to the beginning that moves no foot."""
     if near_rad is None:
         return path
-    rest_s = motion.timing.settle_s if isinstance(motion, PlanMotion) else motion.seconds
+    rest_s = motion.timing.settle_s if isinstance(motion, PlanMotion) else motion.duration_s
     return np.asarray(path + np.clip(1.0 - times / rest_s, 0.0, 1.0)[:, None] * (near_rad - path[0]))
 
 
@@ -131,7 +130,7 @@ def _jumps(path: Array, most_rad: float = JUMP_RAD) -> NDArray[np.int_]:
 
 
 def _without_jumps(
-    path: Array, samples: Sequence[MotionSample], solids: Sequence[Solid], kinematics: Kinematics
+    path: Array, samples: Sequence[Samples], solids: Sequence[Solid], kinematics: Kinematics
 ) -> Array:
     """The path with those swings chosen anew in which a limb jumps, from where it stands to where it stands again."""
     found, swings = np.array(path), set[tuple[int, int, int]]()
@@ -153,7 +152,7 @@ def _without_jumps(
     return found
 
 
-def _followed(samples: Sequence[MotionSample], kinematics: Kinematics, near_rad: Array | None) -> Array:
+def _followed(samples: Sequence[Samples], kinematics: Kinematics, near_rad: Array | None) -> Array:
     """Postures of a robot's own legs, each near the one before, the first near where it stands, shape (T, J)."""
     angles = np.concatenate([leg.stance_rad for leg in kinematics.model.legs]) if near_rad is None else near_rad
     path = list[Array]()
@@ -171,7 +170,7 @@ Table = tuple[Array, Array]
 
 
 def _family(
-    samples: Sequence[MotionSample], shifts: Array, solids: Sequence[Solid], kinematics: Kinematics, limb: int
+    samples: Sequence[Samples], shifts: Array, solids: Sequence[Solid], kinematics: Kinematics, limb: int
 ) -> Table:
     """The table of a limb. shifts: of the centre of mass in the body, shape (T, 3) [m]."""
     its = kinematics.robot.limbs[limb]

@@ -9,23 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import STRAY_M
+from stancekit.planners.motion.motion import Motion, Samples, between, stacked
+from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.terrain.prism import Solid
 
 from ..control.foot_placement import ContactFeedback
 from ..control.tracker import Target, Tracker
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
 from .actuator_limits import check_actuators
-from .motion import Motion, MotionSample
 from .redundancy import RedundancyResolution, resolved
-from .timeline import KNOTS, PlanMotion, Timing
 
 ACCELERATION_RAD_S2 = 120.0
 LIMIT_SHARE = 0.9
@@ -60,19 +63,59 @@ class JointProfile:
     wished: RedundancyResolution
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TimedMotion:
-    """A motion that joints can do. pace: of that asked for, 1 where it was slow enough. bound_by: what made it slower,
-    with the joint, empty at 1. velocity, acceleration, torque: greatest use of the limits, 1 at the limit. profile: of
-    the motion."""
+M_co = TypeVar("M_co", bound=Motion, covariant=True)
 
-    motion: PlanMotion
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimedMotion(Generic[M_co]):
+    """A motion that joints can do, and one itself: what is streamed where nothing disturbs it.
+
+    pace: of that asked for, 1 where it was slow enough. bound_by: what made it slower, with the joint, empty at 1.
+    velocity, acceleration, torque: greatest use of the limits, 1 at the limit. profile: of the motion, whose rows are
+    what is streamed.
+    """
+
+    motion: M_co
     profile: JointProfile
-    pace: float
-    bound_by: str
+    pace: float = 1.0
+    bound_by: str = ""
     velocity: float
     acceleration: float
     torque: float
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """As of ``Motion``."""
+        return self.motion.solids
+
+    @property
+    def duration_s(self) -> float:
+        """How long it is streamed [s]."""
+        return float(self.profile.time_s[-1])
+
+    @property
+    def knots_s(self) -> Array:
+        """When each row is streamed, shape (K,) [s]."""
+        return self.profile.time_s
+
+    def at(self, times_s: float | Array) -> Samples:
+        """The rows at their times, and straight lines between them; the ends are held."""
+        step_s = float(self.profile.time_s[1])
+        return between(self._rows, np.asarray(times_s, dtype=np.float64) / step_s)
+
+    @cached_property
+    def _rows(self) -> Samples:
+        profile, step_s = self.profile, float(self.profile.time_s[1])
+        rows = stacked([target.sample for target in profile.targets])
+        return replace(
+            rows,
+            velocity_m_s=np.gradient(rows.com_m, step_s, axis=0),
+            rotation_rate_rad_s=np.gradient(rows.rotation_rad, step_s, axis=0),
+            origin_m=np.array([target.origin_m for target in profile.targets]),
+            angles_rad=profile.angles_rad,
+            rates_rad_s=profile.velocity_rad_s,
+            torques_nm=profile.static_nm + profile.dynamic_nm,
+        )
 
 
 def unhurried(
@@ -108,7 +151,7 @@ def parametrize(
     longer: Array | None = None,
     standing_n: Mapping[int, Array] | None = None,
     wished: RedundancyResolution | None = None,
-) -> TimedMotion:
+) -> TimedMotion[PlanMotion]:
     """The plan's motion, slowed down until all limits hold.
 
     share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand, its feet carry
@@ -193,7 +236,7 @@ def undisturbed(
     return targets
 
 
-def expected(sample: MotionSample) -> Array:
+def expected(sample: Samples) -> Array:
     """What feet feel when all goes as planned, shape (N, 3) [N]: all touch, however little they carry; of those in the
     air the tracker takes no notice."""
     return np.asarray(sample.forces_n + 2.0 * BLIND.touch_n * sample.normals)
@@ -205,11 +248,11 @@ class _Limbs:
     def __init__(self, kinematics: Kinematics, rotors_kg_m2: float | Array) -> None:
         self._kinematics, self._rotors_kg_m2 = kinematics, rotors_kg_m2
 
-    def torques(self, angles: Array, velocity: Array, acceleration: Array, sample: MotionSample, push: Array) -> Array:
+    def torques(self, angles: Array, velocity: Array, acceleration: Array, sample: Samples, push: Array) -> Array:
         """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand."""
         robot = self._kinematics.robot
         own = self._kinematics.inertial_torques(angles, velocity, acceleration) + self._rotors_kg_m2 * acceleration
-        stands = np.array(sample.foothold) >= 0
+        stands = sample.stands
         shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
         loads = self._kinematics.loads(angles, rotation_of(sample.rotation_rad))
         with_push, without = (self._kinematics.torques_of(loads, forces) for forces in (shared, np.zeros_like(shared)))

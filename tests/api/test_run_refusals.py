@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import stancekit
-from stancekit.runner.motion.timeline import Timing
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.runner.worlds import WORLDS, WorldSettings
 
 pytest.importorskip("pinocchio")

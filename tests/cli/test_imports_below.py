@@ -91,14 +91,14 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "run": {
         LATER: ("planners.problem.course", "planners.robot.actuators", "runner.acceptance",
-                "runner.control.loop_settings", "runner.motion.timeline", "runner.report", "runner.settings",
+                "planners.motion.plan_motion", "runner.control.loop_settings", "runner.report", "runner.settings",
                 "runner.worlds"),
         TOOL: ("runner.log", "runner.safety.estop"),
         DRAWS: ("views.sheet", "views.tracking_plot"),
     },
     "run_film": {LATER: ("runner.acceptance",)},
     "simulate": {
-        LATER: ("planners.formats.plan_file", "runner.acceptance", "runner.motion.timeline", "runner.settings"),
+        LATER: ("planners.formats.plan_file", "planners.motion.plan_motion", "runner.acceptance", "runner.settings"),
         DRAWS: ("views.executions", "views.sheet"),
     },
     "solve": {CHOICES: ("planners.search.methods",)},

@@ -17,6 +17,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.robot_model import model_of
@@ -26,12 +27,12 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.acceptance import AcceptedGait
 from stancekit.runner.control.body_feedback import BodyController, BodyFeedback, BodyPose
-from stancekit.runner.motion.motion import MotionSample
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from tests.planners.robot.small_urdfs import quadruped
+from tests.runner.at_rest import at_rest
 
 MASS, WEIGHT = 20.0, 196.2
 BONE = '<sphere radius="0.03"/>'
@@ -45,10 +46,10 @@ def controller(**options: float) -> BodyController:
     return BodyController(MASS, INERTIA, WEIGHT, BodyFeedback(**options))
 
 
-def sample(friction: float = 0.7) -> MotionSample:
+def sample(friction: float = 0.7) -> Samples:
     up = np.tile([0.0, 0.0, 1.0], (4, 1))
-    return MotionSample(
-        com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=0.25 * WEIGHT * up,
+    return at_rest(
+        feet_m=FEET, forces_n=0.25 * WEIGHT * up,
         foothold=(0, 1, 2, 3), normals=up, friction=np.full(4, friction),
     )  # fmt: skip
 

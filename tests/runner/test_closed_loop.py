@@ -13,6 +13,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.friction_margin import slippery
@@ -23,7 +24,6 @@ from stancekit.runner.control.estimation import nearest_on
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.control.replanning import Observation
-from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.runner.execution import Execution, Tolerance
-from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 

@@ -10,15 +10,16 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.runner.control.body_feedback import BodyPose
 from stancekit.runner.control.foot_placement import WITH_FEET, ContactFeedback, FootPlacement
-from stancekit.runner.motion.motion import MotionSample
 from stancekit.runner.worlds.world import State
 from tests.planners.robot.small_urdfs import quadruped
+from tests.runner.at_rest import at_rest
 
 PERIOD_S, BESIDE = 0.005, np.array([0.02, -0.01, 0.0])
 NONE = np.zeros((4, 3))
@@ -31,13 +32,13 @@ def kinematics() -> Kinematics:
     return Kinematics(walking_robot(walker_of(model)))
 
 
-def standing(kinematics: Kinematics) -> tuple[Array, MotionSample]:
+def standing(kinematics: Kinematics) -> tuple[Array, Samples]:
     """Joints, and what should be: the body at the origin, all feet on level ground."""
     angles = np.concatenate([leg.stance_rad for leg in kinematics.model.legs])
     up = np.tile([0.0, 0.0, 1.0], (4, 1))
     forces = 0.25 * kinematics.robot.mass_kg * kinematics.gravity_m_s2 * up
-    return angles, MotionSample(
-        com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=kinematics.feet(angles), forces_n=forces,
+    return angles, at_rest(
+        feet_m=kinematics.feet(angles), forces_n=forces,
         foothold=(0, 1, 2, 3), normals=up, friction=np.full(4, 0.6),
     )  # fmt: skip
 
@@ -50,7 +51,7 @@ def state(angles: Array, position: Array, velocity: Array | None = None) -> Stat
     )  # fmt: skip
 
 
-def of(kinematics: Kinematics, first: MotionSample, step_s: float = 0.0) -> FootPlacement:
+def of(kinematics: Kinematics, first: Samples, step_s: float = 0.0) -> FootPlacement:
     weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
     return FootPlacement(
         first, kinematics, ContactFeedback(), weight_n=weight, step_s=step_s, period_s=PERIOD_S
@@ -62,7 +63,7 @@ PLACE = BodyPose(origin_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6))
 
 def test_a_foot_that_does_not_bear_pulls_no_body_and_one_that_bears_does(kinematics: Kinematics) -> None:
     angles, now = standing(kinematics)
-    up = replace(now, foothold=(-1, 1, 2, 3), feet_m=now.feet_m + UP)
+    up = replace(now, foothold=np.array((-1, 1, 2, 3)), feet_m=now.feet_m + UP)
     feet = of(kinematics, up)
     seen = state(angles, BESIDE), PLACE
     for felt in (np.array([2.0, 50.0, 50.0, 50.0]), np.full(4, 50.0)):
@@ -84,7 +85,7 @@ def test_a_foot_whose_sensor_is_noisy_does_not_land_on_its_noise_and_lands_where
     rng, seen, none_late = np.random.default_rng(3), (state(angles, np.zeros(3)), PLACE), np.zeros(4, dtype=np.bool_)
     lift = np.zeros((4, 3))
     lift[0] = 10.0 * UP
-    feet, last = of(kinematics, now), replace(now, foothold=(-1, 1, 2, 3))
+    feet, last = of(kinematics, now), replace(now, foothold=np.array((-1, 1, 2, 3)))
     for k in range(200):  # up, and down again
         up = replace(last, feet_m=now.feet_m + lift * np.sin(np.pi * (k + 1) / 201))
         felt = np.array([0.0, 50.0, 50.0, 50.0]) + noise_n * rng.standard_normal(4)
@@ -100,7 +101,7 @@ def test_a_foot_whose_sensor_is_noisy_does_not_land_on_its_noise_and_lands_where
 
 def test_feet_in_the_air_step_where_the_body_falls(kinematics: Kinematics) -> None:
     angles, now = standing(kinematics)
-    air = replace(now, foothold=(-1, 1, 2, -1))
+    air = replace(now, foothold=np.array((-1, 1, 2, -1)))
     feet = of(kinematics, air, step_s=0.15)
     late = np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
     for _ in range(400):
@@ -113,7 +114,7 @@ def test_a_foot_that_lands_early_stops_at_once(kinematics: Kinematics) -> None:
     angles, now = standing(kinematics)
     heights = np.array([0.005, 0.0, -0.005, -0.01])  # the ground is higher than was planned
     first = np.eye(4)[:, :1] * [0.0, 0.0, 1.0]
-    path = [replace(now, foothold=(-1, 1, 2, 3), feet_m=now.feet_m + height * first) for height in heights]
+    path = [replace(now, foothold=np.array((-1, 1, 2, 3)), feet_m=now.feet_m + height * first) for height in heights]
     feet, seen = of(kinematics, path[0]), (state(angles, np.zeros(3)), PLACE)
     feet.follow(path[0], path[1], np.array([60.0, 50.0, 50.0, 50.0]), NONE, seen)
     assert feet.touched[0]
@@ -126,7 +127,7 @@ def test_a_foot_that_lands_early_stops_at_once(kinematics: Kinematics) -> None:
 
 def test_a_body_is_pulled_half_way_over_feet_that_stepped_aside(kinematics: Kinematics) -> None:
     angles, now = standing(kinematics)
-    feet = of(kinematics, replace(now, foothold=(-1, -1, -1, -1), feet_m=now.feet_m + UP), step_s=0.15)
+    feet = of(kinematics, replace(now, foothold=np.array((-1, -1, -1, -1)), feet_m=now.feet_m + UP), step_s=0.15)
     for _ in range(2):
         feet.follow(now, now, np.full(4, 50.0), NONE, (state(angles, BESIDE), PLACE))
     np.testing.assert_allclose(feet.shift_m, WITH_FEET * BESIDE, atol=1e-9)

@@ -10,9 +10,9 @@ import pytest
 from stancekit.planners.files.arrays import Array
 from stancekit.runner.control.friction import FrictionEstimator, FrictionInterval
 from stancekit.runner.control.tracker import Target
-from stancekit.runner.motion.motion import MotionSample
 from stancekit.runner.record import Record
 from stancekit.runner.worlds.world import State
+from tests.runner.at_rest import at_rest
 
 PERIOD_S, MU = 0.005, 0.6
 UP = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
@@ -27,8 +27,8 @@ def felt(
     carried: of the load that is planned."""
     record = Record()
     for k, ratio in enumerate(ratios):
-        sample = MotionSample(
-            com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=np.zeros((2, 3)), forces_n=load_n * UP,
+        sample = at_rest(
+            feet_m=np.zeros((2, 3)), forces_n=load_n * UP,
             foothold=foothold, normals=UP, friction=np.full(2, MU),
         )  # fmt: skip
         target = Target(

@@ -14,12 +14,12 @@ pytest.importorskip("mujoco")
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempted
+from stancekit.planners.motion.gait_motion import SETTLE_S, GaitMotion, footholds
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import AcceptedGait
-from stancekit.runner.motion.gait_motion import SETTLE_S, GaitMotion, footholds
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -71,7 +71,7 @@ def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(accepted: 
     assert report.execution is None
     sent = np.array([targets for _, targets in world.commands])
     motion = GaitMotion(accepted.trajectory)
-    assert len(sent) == pytest.approx(motion.seconds * world.rate_hz, abs=2)
+    assert len(sent) == pytest.approx(motion.duration_s * world.rate_hz, abs=2)
     assert report.joint_worst_rad < 0.1
 
 
@@ -123,8 +123,8 @@ def test_the_motion_is_the_trajectory_between_two_rests(gait: Attempted) -> None
     np.testing.assert_allclose(sample.forces_n, trajectory.forces_n[k], atol=1e-6)
     away = np.linalg.norm(sample.feet_m - trajectory.feet_m[k], axis=1)
     np.testing.assert_allclose(away, FOOT_RADIUS_M, atol=1e-9)
-    np.testing.assert_array_equal(np.array(sample.foothold) >= 0, trajectory.contact[k])
-    for time_s, row in ((0.0, 0), (motion.seconds + 1.0, -1)):
+    np.testing.assert_array_equal(sample.stands, trajectory.contact[k])
+    for time_s, row in ((0.0, 0), (motion.duration_s + 1.0, -1)):
         np.testing.assert_allclose(motion.at(time_s).com_m, trajectory.torso_m[row], atol=1e-9)
 
 

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
@@ -19,7 +20,6 @@ from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.leg_odometry import leg_odometry, odometry_error_m
 from stancekit.runner.motion.time_parametrization import joint_profile
-from stancekit.runner.motion.timeline import PlanMotion, Timing
 from stancekit.runner.record import Record
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate

@@ -16,6 +16,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.path import APART_M
+from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.bodies import TOUCH_M
 from stancekit.planners.robot.kinematics import Kinematics
@@ -25,7 +26,6 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Target
 from stancekit.runner.motion.bodies import postures, spaced
 from stancekit.runner.motion.time_parametrization import RATE_HZ, undisturbed
-from stancekit.runner.motion.timeline import PlanMotion
 from stancekit.runner.run import Runner
 from tests.emulators.memory_world import MemoryWorld
 
@@ -64,7 +64,7 @@ def test_the_motion_that_is_run_is_the_one_that_is_judged(plan: Plan) -> None:
     whole = with_joints(plan, solver)
     motion = PlanMotion(whole)
     targets = undisturbed(motion, solver)
-    times = np.minimum(np.arange(len(targets)) / RATE_HZ, motion.seconds)
+    times = np.minimum(np.arange(len(targets)) / RATE_HZ, motion.duration_s)
     found = JointPath(motion.path, solver).postures(motion.moments(times))
     assert len(times) > 200
     assert np.abs(found.origins_m - [target.origin_m for target in targets]).max() < 2e-4

@@ -8,12 +8,12 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import Tracker
-from stancekit.runner.motion.timeline import PlanMotion
 
 
 def added(course: str) -> tuple[Array, Array]:

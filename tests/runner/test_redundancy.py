@@ -15,6 +15,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.plan_joints import plan_angles
+from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.motion.torques import path_torques
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import distribute_forces
@@ -24,7 +25,6 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.motion.redundancy import JUMP_RAD, LEFT, TURNED, Continued, RedundancyResolution, _cheapest
 from stancekit.runner.motion.time_parametrization import joint_profile
-from stancekit.runner.motion.timeline import PlanMotion, Timing
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_the_way_through_a_table_is_the_cheapest_of_all(near: Array | None) -> N
 def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
     kinematics = Kinematics(plan.course.robot)
     fast, slow = (RedundancyResolution(PlanMotion(plan, Timing().at_pace(pace)), kinematics) for pace in (1.0, 0.5))
-    for time_s in np.linspace(0.0, PlanMotion(plan).seconds, 23):
+    for time_s in np.linspace(0.0, PlanMotion(plan).duration_s, 23):
         np.testing.assert_allclose(fast.at(time_s), slow.at(2.0 * time_s), atol=1e-6)
 
 

@@ -19,13 +19,13 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.log import McapLog, read_log
-from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.prepared import Resumption
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
@@ -57,7 +57,7 @@ def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_
     kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     resumption = runner.prepare(accepted, Resumption(kinematics=kinematics, carried_n=carried_n, pace=0.5))
     assert resumption.motion.timing == usual.motion.timing.at_pace(0.5)
-    assert resumption.motion.seconds > 1.5 * usual.motion.seconds
+    assert resumption.motion.duration_s > 1.5 * usual.motion.duration_s
     np.testing.assert_array_equal(resumption.first.sample.forces_n, carried_n)
     assert np.abs(usual.first.sample.forces_n - carried_n).max() > 1.0
 

@@ -8,25 +8,26 @@ import numpy as np
 import pytest
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.runner.control.slip_recovery import LAND_M_S, STAND_S, SlipDetector, StandingMotion
 from stancekit.runner.control.tracker import Target
-from stancekit.runner.motion.motion import MotionSample
 from stancekit.runner.worlds.world import State
+from tests.runner.at_rest import at_rest
 
 RATE_HZ = 200.0
 UP = np.tile([0.0, 0.0, 1.0], (6, 1))
 FEET = np.random.default_rng(0).uniform(-0.3, 0.3, (6, 3))
 
 
-def sample(foothold: tuple[int, ...] = tuple(range(6))) -> MotionSample:
-    return MotionSample(
-        com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=20.0 * UP, foothold=foothold,
+def sample(foothold: tuple[int, ...] = tuple(range(6))) -> Samples:
+    return at_rest(
+        feet_m=FEET, forces_n=20.0 * UP, foothold=foothold,
         normals=UP, friction=np.ones(6),
     )  # fmt: skip
 
 
-def target(now: MotionSample, rolled_m: Array | None = None) -> Target:
+def target(now: Samples, rolled_m: Array | None = None) -> Target:
     return Target(
         targets_rad=np.zeros(24), sample=now, origin_m=np.zeros(3), shift_m=np.zeros(3), angles_rad=np.zeros(24),
         torques_nm=np.zeros(24), rolled_m=np.zeros((6, 3)) if rolled_m is None else rolled_m, error_m=np.zeros(6),
@@ -88,17 +89,17 @@ def test_feet_in_the_air_come_down_and_the_others_and_the_body_stay() -> None:
     toes[1::2] -= [0.0, 0.0, 0.06]
     pushes = 20.0 * UP, 10.0 * UP
     motion = StandingMotion(
-        replace(now, frame=2.0), com_m=np.ones(3), rotation_rad=np.full(3, 0.1), feet_m=FEET, toes_m=toes, normals=UP,
-        forces_n=pushes, foothold=tuple(range(6, 12)),
+        replace(now, frame=np.array(2.0)), com_m=np.ones(3), rotation_rad=np.full(3, 0.1), feet_m=FEET, toes_m=toes,
+        normals=UP, forces_n=pushes, foothold=np.arange(6, 12),
     )  # fmt: skip
-    assert motion.seconds == pytest.approx(0.06 / LAND_M_S + STAND_S)
-    half, end = motion.at(0.5 * 0.06 / LAND_M_S), motion.at(motion.seconds)
+    assert motion.duration_s == pytest.approx(0.06 / LAND_M_S + STAND_S)
+    half, end = motion.at(0.5 * 0.06 / LAND_M_S), motion.at(motion.duration_s)
     np.testing.assert_allclose(half.feet_m[1::2], FEET[1::2] - [0.0, 0.0, 0.03])
     np.testing.assert_allclose(end.feet_m, toes + FOOT_RADIUS_M * UP)
     for each in (motion.at(0.0), half, end):
         np.testing.assert_array_equal(each.com_m, np.ones(3))
         np.testing.assert_array_equal(each.feet_m[::2], FEET[::2])
         assert each.frame == 2.0
-    assert (half.foothold, end.foothold) == (now.foothold, tuple(range(6, 12)))
+    np.testing.assert_array_equal([half.foothold, end.foothold], [now.foothold, np.arange(6, 12)])
     np.testing.assert_array_equal(half.forces_n, pushes[0])
     np.testing.assert_array_equal(end.forces_n, pushes[1])

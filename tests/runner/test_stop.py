@@ -21,13 +21,13 @@ from dynamixel_sdk import PortHandler
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Tracker
 from stancekit.runner.emulators.servo_bus import ServoBus
 from stancekit.runner.motion.time_parametrization import BLIND
-from stancekit.runner.motion.timeline import PlanMotion, Timing
 from stancekit.runner.prepared import Prepared
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner

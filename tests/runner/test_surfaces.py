@@ -13,6 +13,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.plan_window import with_pause
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -22,7 +23,6 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.surfaces import MISSING_M, EmptyStep, found_offsets, without
-from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import Imperfections, make_world
@@ -47,7 +47,8 @@ def empty(felt_n: list[float], wanted_n: float = 20.0, foothold: int = 5) -> lis
     watch, found = EmptyStep(200.0, 2), list[bool]()
     for k, force in enumerate([0.0] * 5 + felt_n):
         sample = SimpleNamespace(
-            foothold=(0, -1 if k < 5 else foothold), normals=UP, forces_n=np.array([20.0, wanted_n])[:, None] * UP
+            foothold=np.array([0, -1 if k < 5 else foothold]), normals=UP,
+            forces_n=np.array([20.0, wanted_n])[:, None] * UP,
         )
         target: Any = SimpleNamespace(sample=sample)
         state: Any = SimpleNamespace(forces_n=np.array([20.0, force])[:, None] * UP)

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import Servo
@@ -26,7 +27,6 @@ from stancekit.runner.motion.time_parametrization import (
     undisturbed,
     unhurried,
 )
-from stancekit.runner.motion.timeline import KNOTS, PlanMotion
 from stancekit.runner.worlds.drives import Drives
 from tests.runner.test_redundancy import plan, twisted
 
@@ -103,13 +103,13 @@ def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures
     assert 0.5 * SPEED_SHARE * VELOCITY_RAD_S < sent.max() <= SPEED_SHARE * VELOCITY_RAD_S + 1e-9
     change = np.abs(np.diff(profile.angles_rad, n=2, axis=0))[flies[1:] & flies[:-1]] * 100.0**2
     assert change.max() <= SPEED_SHARE * VELOCITY_RAD_S / RAMP_S + 1e-6
-    assert profile.time_s[-1] >= motion.seconds - 0.02
+    assert profile.time_s[-1] >= motion.duration_s - 0.02
 
 
 def test_a_gait_waits_for_no_leg(plan: Plan) -> None:
     kinematics, motion = Kinematics(plan.course.robot, Servo(velocity_rad_s=1.0)), PlanMotion(twisted(plan))
     waits, steady = (len(undisturbed(motion, kinematics, feedback=how)) for how in (BLIND, STEADY))
-    assert 0.0 <= steady - 1 - motion.seconds * RATE_HZ <= 1.0 + 1e-6
+    assert 0.0 <= steady - 1 - motion.duration_s * RATE_HZ <= 1.0 + 1e-6
     assert waits > steady + 2
 
 

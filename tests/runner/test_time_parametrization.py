@@ -12,6 +12,7 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.motion.torques import path_torques
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
@@ -27,7 +28,6 @@ from stancekit.runner.motion.time_parametrization import (
     joint_profile,
     parametrize,
 )
-from stancekit.runner.motion.timeline import PlanMotion, Timing
 from stancekit.runner.worlds.capabilities import WorldCapabilities
 from stancekit.runner.worlds.drives import Drives
 from tests.emulators.memory_world import MemoryWorld
@@ -56,7 +56,7 @@ def with_limits(**limits: float) -> WorldCapabilities:
 
 
 def test_the_look_is_along_the_whole_motion_and_reaches_every_foot(plan: Plan, seen: JointProfile) -> None:
-    assert seen.time_s[-1] == pytest.approx(PlanMotion(plan).seconds, abs=0.011)
+    assert seen.time_s[-1] == pytest.approx(PlanMotion(plan).duration_s, abs=0.011)
     assert seen.error_m.max() < 1e-5
 
 
@@ -94,7 +94,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     pin = pinocchio()
     model = pin.buildModelFromXML(hexapod_urdf(plan.course.robot))  # the body stays where it is
     data = model.createData()
-    air = replace(sample, foothold=(-1,) * 6)
+    air = replace(sample, foothold=np.full(6, -1))
     rng = np.random.default_rng(0)
     angles, velocity, acceleration = (rng.uniform(-1.0, 1.0, 24) for _ in range(3))
     step = 1e-5
@@ -120,7 +120,7 @@ def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_ver
     np.testing.assert_array_equal(drives.rotor_kg_m2, kinematics.rotor_kg_m2)
     still, angles = np.zeros(len(drives.joints)), np.full(len(drives.joints), 0.3)
     rising = np.linspace(-50.0, 50.0, len(still))
-    air = replace(PlanMotion(plan).at(0.0), foothold=(-1,) * 4)
+    air = replace(PlanMotion(plan).at(0.0), foothold=np.full(4, -1))
     torques, bare = (
         _Limbs(kinematics, rotors).torques(angles, still, rising, air, np.zeros(3))
         for rotors in (drives.rotor_kg_m2, 0.0 * drives.rotor_kg_m2)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.execution import Execution
-from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from stancekit.views.executions import FPS, SPEED, ExecutionView, draw_execution, execution_frames

@@ -20,7 +20,7 @@ from stancekit.views.camera import Camera
 from stancekit.views.film import check_film, rendered
 from stancekit.views.gaits import GaitView, motion_frames
 from stancekit.views.robots import cone
-from stancekit.views.scene import Arrow, Body, Facet, Motion, Scene
+from stancekit.views.scene import Animation, Arrow, Body, Facet, Scene
 from stancekit.views.shapes import Box, Capsule, Sphere, disc, hull, mesh_of, triangles_of
 from stancekit.views.video import write_video
 
@@ -156,7 +156,7 @@ def seen(*bodies, arrows=(), facets=()):
     corners = [
         Body(name=f"corner {x}", shape=Sphere(1e-4), position_m=np.array([x, 0.0, x]), colour="white") for x in (-1, 1)
     ]
-    motion = Motion(
+    motion = Animation(
         fixed=Scene(facets=facets), moments=[Scene(bodies=[*corners, *bodies], arrows=arrows)], step_s=1.0, title="",
         camera=Camera(target_m=np.zeros(3), azimuth_rad=-0.5 * np.pi, elevation_rad=0.0, distance_m=50.0),
     )  # fmt: skip

@@ -13,8 +13,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_posture
-from stancekit.views.plan_motion import LOAD, PlanMotion, ghosts
-from stancekit.views.plans import PlanView, draw_plan, frame_count, plan_frames
+from stancekit.views.plans import PlanView, draw_plan, frame_count, ghosts, plan_frames
 from stancekit.views.sheet import check_picture, save, to_rgb
 from stancekit.views.terrain import ICE, cells
 
@@ -98,45 +97,49 @@ def test_the_viewer_sees_the_faces_of_both_walls(plan):
             assert camera.facing(patch.centre_m + 0.3 * patch.normal, patch.normal) > -0.3
 
 
-def test_a_stance_holds_the_robot_at_every_moment_of_the_motion(plan):
-    course, motion = plan.course, PlanMotion(plan)
-    assert motion.end == 2.0
-    for time in np.linspace(0.0, 2.0, 41):
-        moment = motion.at(float(time))
-        assert moment.forces_n.sum(axis=0) == pytest.approx([0.0, 0.0, course.weight_n], abs=1e-6)
-        torque = np.cross(moment.toes_m - moment.com_m, moment.forces_n).sum(axis=0)
+def test_a_stance_holds_the_robot_at_every_moment_of_the_film(plan):
+    course, view = plan.course, PlanView(plan)
+    times = view.shown_s(41)
+    assert times[-1] > 3.0
+    for time_s in times:
+        now = view.motion.at(float(time_s))
+        assert now.forces_n.sum(axis=0) == pytest.approx([0.0, 0.0, course.weight_n], abs=1e-6)
+        torque = np.cross(now.toes_m - now.com_m, now.forces_n).sum(axis=0)
         assert np.abs(torque).max() < 1e-5
-        assert np.abs(moment.forces_n[list(moment.moving)]).max(initial=0.0) == 0.0
+        assert np.abs(now.forces_n[~now.stands]).max(initial=0.0) == 0.0
 
 
-def test_key_frames_of_the_motion_are_those_of_the_plan(plan):
-    motion = PlanMotion(plan)
+def test_key_frames_are_those_of_the_plan(plan):
+    view = PlanView(plan)
     for k in range(3):
-        moment = motion.at(float(k))
-        assert (moment.frame, moment.moving) == (k, ())
-        assert np.array_equal(moment.toes_m, plan.toes_at(k))
-        assert np.array_equal(moment.com_m, plan.com_m[k])
-    first = motion.at(0.5 * LOAD)
-    assert np.array_equal(first.toes_m, plan.toes_at(0))  # only the load shifts
+        key, there = view.keys.key(k), view.between_keys(float(k))
+        assert key.frame == there.frame == k
+        assert np.allclose(key.toes_m, plan.toes_at(k), atol=1e-12)
+        assert np.array_equal(key.com_m, plan.com_m[k])
+        assert np.allclose(there.com_m, plan.com_m[k], atol=1e-12)
+    first = view.motion.at(0.5)
+    assert np.allclose(first.toes_m, plan.toes_at(0), atol=1e-12)  # only the load shifts
     problem = plan.course.posture_problem(plan.course.stances[0], plan.choice)
     assert check_posture(problem, plan.posture(0)).accepted
 
 
-def test_a_toe_in_the_air_is_off_both_its_patches(plan):
-    motion, course = PlanMotion(plan), plan.course
+def test_a_toe_on_its_track_is_off_both_its_patches(plan):
+    path, course = PlanView(plan).keys.path, plan.course
     swung = [p for p, put in enumerate(course.footholds) if put.frame]
     assert swung
     for p in swung:
-        top = motion.swing(p, 0.5)
         patch = course.patch(p, plan.choice)
-        assert (top - patch.centre_m) @ patch.normal > 0.05
-        assert motion.swing(p, 1.0) == pytest.approx(plan.toes_m[p])
+        start, top, end = path.swing(p, np.array([0.0, 0.5, 1.0]))
+        assert (top - patch.centre_m) @ patch.normal > 0.045
+        assert end == pytest.approx(plan.toes_m[p])
+        limb = course.robot.limb_names.index(course.footholds[p].limb)
+        assert start == pytest.approx(plan.toes_at(course.footholds[p].frame - 1)[limb])
 
 
 def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan):
     view = PlanView(plan)
     for frame in range(3):
-        scene = view.at(view.motion.key(frame))
+        scene = view.at(view.keys.key(frame))
         bodies = {body.name: body for body in scene.bodies}
         trunk = bodies["trunk 0"]
         assert np.array_equal(trunk.position_m, plan.com_m[frame])
@@ -152,7 +155,7 @@ def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan):
 
 def test_a_cone_holds_every_force_of_its_friction_and_no_other(plan):
     view = PlanView(plan)
-    for body in view.at(view.motion.key(1)).bodies:
+    for body in view.at(view.keys.key(1)).bodies:
         if body.name.startswith("cone "):
             patch = view.chosen[int(body.name.split()[1])]
             rays = body.shape.vertices_m[1:]
@@ -168,10 +171,12 @@ def test_a_film_stays_at_both_ends_and_passes_every_key_frame(plan):
     assert count == round(20.0 * (2 * 1.2 + 1.0)) + 1
     assert len(motion.moments) == len(motion.notes) == count
     trunks = np.array([next(b.position_m for b in moment.bodies if b.name == "trunk 0") for moment in motion.moments])
-    assert np.array_equal(trunks[:10], np.tile(plan.com_m[0], (10, 1)))
-    assert np.array_equal(trunks[-10:], np.tile(plan.com_m[-1], (10, 1)))
-    for com in plan.com_m:
-        assert np.abs(trunks - com).max(axis=1).min() < 1e-12
+    shown = [view.motion.at(float(time_s)) for time_s in view.shown_s(count)]
+    assert np.array_equal(trunks, [now.origin_m for now in shown])
+    coms = np.array([now.com_m for now in shown])
+    assert np.allclose(coms[:10], plan.com_m[0], atol=1e-12)
+    assert np.allclose(coms[-10:], plan.com_m[-1], atol=1e-12)
+    assert np.abs(coms - plan.com_m[1]).max(axis=1).min() < 1e-3
     assert motion.notes[0] == "key frame 0 of 2   ·   grid 0.1 m"
     assert motion.notes[-1] == "key frame 2 of 2   ·   grid 0.1 m"
 
@@ -201,4 +206,4 @@ def test_one_frame_and_no_terrain_are_drawn_too():
     for shown in (plan, bare):
         assert to_rgb(draw_plan(shown, size_px=(400, 300))).std() > 10.0
         assert frame_count(shown) == 21
-        assert np.array_equal(PlanMotion(shown).at(0.0).com_m, plan.com_m[0])
+        assert np.array_equal(PlanView(shown).motion.at(0.0).com_m, plan.com_m[0])

@@ -10,11 +10,11 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.model import Robot
 
-from ..plan_motion import Moment, ghosts
-from ..plans import GOAL, PlanView
+from ..plans import GOAL, PlanView, ghosts
 from ..robots import RobotShape, climber
 from ..scene import Body, Label, Path, Scene
 from ..shapes import Sphere, dashed
@@ -69,14 +69,14 @@ class Pictures:
         """The way of a plan, the tracks of its toes, and its robot at some key frames in thin lines."""
         scene = _between(view.way) + view.tracks
         for k in ghosts(view.plan, view.plan.course.frames - 1):
-            ghost = view.ghost(view.motion.key(k))
+            ghost = view.ghost(view.keys.key(k))
             scene += Scene(paths=ghost.paths)
         return scene
 
-    def moment(self, view: PlanView, moment: Moment, limbs: list[Array] | None = None) -> tuple[Scene, Scene]:
+    def moment(self, view: PlanView, now: Samples) -> tuple[Scene, Scene]:
         """The robot and its forces in their cones; and what they are called, in N."""
-        names = Scene(labels=[each for each in view.names(moment).labels if each.name != "goal"])  # its grip has it
-        return view.at(moment, limbs=limbs), names
+        names = Scene(labels=[each for each in view.names(now).labels if each.name != "goal"])  # its grip has it
+        return view.at(now), names
 
 
 def _between(scene: Scene) -> Scene:

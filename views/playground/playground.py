@@ -187,13 +187,13 @@ class Playground:
         """The robot at the time that is shown, and what its limbs give then."""
         at = round(self._player.at)
         rests = abs(self._player.at - at) < 0.01
-        moment = view.motion.key(at) if rests else view.motion.at(self._player.at)
-        scene, names = self._pictures.moment(view, moment)
+        now = view.keys.key(at) if rests else view.between_keys(self._player.at)
+        scene, names = self._pictures.moment(view, now)
         self._stage.pose(scene)
         self._stage.show(names, "/names")
         where = f"key frame {at} of {view.plan.course.frames - 1}"
-        title = where if rests else f"between key frames {moment.frame} and {moment.frame + 1}"
-        self._limbs.content = limb_table(loads(view.plan, moment, self._legs(view.plan.course)), title)
+        title = where if rests else f"between key frames {int(self._player.at)} and {int(self._player.at) + 1}"
+        self._limbs.content = limb_table(loads(view.plan, now, self._legs(view.plan.course)), title)
 
     def _legs(self, course: Course) -> Kinematics | None:
         """The solver for the robot, made once."""

@@ -12,12 +12,13 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import WHOLE_BODY, acceptance_word
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.verify import Report
 
-from ..plan_motion import Moment
+from ..plans import between
 from ..sheet import leg_colour
 from .answer import SceneAnswer
 from .page_parts import BAD, GOOD, QUIET, RULE, TROUGH, UNSURE, said
@@ -40,16 +41,16 @@ class LimbLoad:
     in_air: bool = False
 
 
-def loads(plan: Plan, moment: Moment, solver: Kinematics | None) -> list[LimbLoad]:
-    """What every limb gives at a moment. solver: of the plan's robot; without it no torque is known."""
-    course, found = plan.course, list[LimbLoad]()
-    torques, shares = _torques(plan, moment, solver)
-    for i, name in enumerate(course.robot.limb_names):
-        patch = course.patch(int(course.holds[moment.frame, i]), plan.choice)
-        force = moment.forces_n[i]
+def loads(plan: Plan, now: Samples, solver: Kinematics | None) -> list[LimbLoad]:
+    """What every limb gives at a time. solver: of the plan's robot; without it no torque is known."""
+    found = list[LimbLoad]()
+    torques, shares = _torques(plan, now, solver)
+    for i, name in enumerate(plan.course.robot.limb_names):
+        force = now.forces_n[i]
         found.append(LimbLoad(
-            name=name, force_n=float(np.linalg.norm(force)), cone=cone_share(force, patch.normal, patch.friction),
-            torque_nm=torques[i], torque=shares[i], in_air=i in moment.moving,
+            name=name, force_n=float(np.linalg.norm(force)),
+            cone=cone_share(force, now.normals[i], float(now.friction[i])),
+            torque_nm=torques[i], torque=shares[i], in_air=not now.stands[i],
         ))  # fmt: skip
     return found
 
@@ -75,20 +76,16 @@ def margins(plan: Plan) -> tuple[float, int, str]:
     return worst
 
 
-def _torques(plan: Plan, moment: Moment, solver: Kinematics | None) -> tuple[list[float], list[float]]:
+def _torques(plan: Plan, now: Samples, solver: Kinematics | None) -> tuple[list[float], list[float]]:
     """By limb the torque of the joint that has the least in hand [Nm], and its share of the joint's limit."""
     count = len(plan.course.robot.limbs)
     if solver is None:
         return [float("nan")] * count, [float("nan")] * count
-    normals = [plan.course.patch(int(p), plan.choice).normal for p in plan.course.holds[moment.frame]]
-    turn = rotation_of(moment.rotation_rad)
-    if moment.joints_rad is None or moment.moving:
-        angles = solver.solve(
-            moment.com_m, moment.rotation_rad, moment.toes_m, normals=np.array(normals), seed=moment.joints_rad
-        ).angles
-    else:
-        angles = moment.joints_rad
-    torque = np.abs(solver.torques(angles, turn, moment.forces_n))
+    angles = now.angles_rad
+    if angles is None:
+        near = None if plan.joints_rad is None else between(plan.joints_rad, now.frame)
+        angles = solver.solve(now.com_m, now.rotation_rad, now.toes_m, normals=now.normals, seed=near).angles
+    torque = np.abs(solver.torques(angles, rotation_of(now.rotation_rad), now.forces_n))
     share = torque / solver.torque_nm
     worst = [solver.joints_of(i)[int(share[solver.joints_of(i)].argmax())] for i in range(count)]
     return [float(torque[j]) for j in worst], [float(share[j]) for j in worst]

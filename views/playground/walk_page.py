@@ -12,6 +12,7 @@ import numpy as np
 from stancekit.planners.answer.report import acceptance_word
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.formats.trajectory_file import write_trajectory
+from stancekit.planners.motion.feet_motion import feet_motion
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..plans import GOAL
@@ -150,7 +151,7 @@ class WalkPage:
                 title, text = word.partition(":")[0].capitalize(), text.removeprefix(word).lstrip(":; ")
             self._say(GOOD if answer.accepted else BAD, title, text, took)
             if answer.trajectory is not None:
-                self._view = GaitView(answer.trajectory)
+                self._view = GaitView(answer.trajectory, moves_as=feet_motion(answer.trajectory))
                 self._player.offer(True)
                 self._player.show(0.0, answer.trajectory.duration_s)
                 self._summary.content = self._numbers()
@@ -178,15 +179,13 @@ class WalkPage:
         """The robot at the time that is shown, and what its feet give then."""
         view = self._view
         assert view is not None
-        trajectory = view.trajectory
-        sample = int(np.argmin(np.abs(trajectory.times_s - trajectory.times_s[0] - self._player.at)))
-        self._stage.pose(view.at(sample) + Scene(bodies=[body for k, body in view.footholds if k <= sample]))
-        feet, forces = trajectory.feet_m[sample], trajectory.forces_n[sample]
+        trajectory, now = view.trajectory, view.now(self._player.at)
+        self._stage.pose(view.moment(self._player.at))
+        feet, forces = now.toes_m, now.forces_n
         rows, labels = list[LimbLoad](), list[Label]()
         for k, limb in enumerate(view.shape.limbs):
-            down = bool(trajectory.contact[sample, k])
-            normal = trajectory.terrain.normal(feet[k, :2])
-            share = cone_share(forces[k], normal, trajectory.friction) if down else float("nan")
+            down = bool(now.stands[k])
+            share = cone_share(forces[k], now.normals[k], trajectory.friction) if down else float("nan")
             size_n = float(np.linalg.norm(forces[k]))
             rows.append(LimbLoad(name=limb, force_n=size_n, cone=share, in_air=not down))
             if down:

@@ -17,6 +17,7 @@ from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.pick import Picker
 from stancekit.planners.leap.replan import remaining_leap
 from stancekit.planners.leap.scp import Attempt, attempt
+from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leap_proof import check_leap_certificate, explain_leap
@@ -131,10 +132,10 @@ def test_an_explanation_names_what_would_have_to_give(refuted: Answer[LeapPlan])
 def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: Answer[LeapPlan]) -> None:
     plan = found.solution
     assert plan is not None
-    here = plan.at(np.array([0.4]))
+    here = feet_motion(plan).at(0.4)
     state = BodyState(
-        com_m=here["com_m"][0] + np.array([0.002, 0.0, 0.0]), velocity_m_s=here["velocity_m_s"][0],
-        momentum_m2_s=plan.momentum_m2_s[4], rotation_rad=here["rotation_rad"][0],
+        com_m=here.com_m + np.array([0.002, 0.0, 0.0]), velocity_m_s=here.velocity_m_s,
+        momentum_m2_s=plan.momentum_m2_s[4], rotation_rad=here.rotation_rad,
     )  # fmt: skip
     rest = remaining_leap(plan, 0.4, state)
     assert [phase.limbs for phase in rest.phases] == [(), plan.leap.phases[2].limbs]

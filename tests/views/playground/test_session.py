@@ -106,15 +106,15 @@ def test_shares_of_cones_are_those_of_the_definition():
 
 
 def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch):
-    from stancekit.views.plan_motion import PlanMotion
+    from stancekit.planners.motion.plan_motion import PlanMotion
     from stancekit.views.playground.answer import patient_answer
     from stancekit.views.playground.tables import solver_of
 
     answer = patient_answer(KeysScenario.of("walls", frames=3))
     plan = answer.plan
     assert plan is not None
-    moment = PlanMotion(plan).key(2)
-    rows = loads(plan, moment, solver_of(plan.course))
+    now = PlanMotion(plan).key(2)
+    rows = loads(plan, now, solver_of(plan.course))
     assert [row.force_n for row in rows] == pytest.approx(np.linalg.norm(plan.forces_at(2), axis=1))
     share, frame, limb = margins(plan)
     assert 0.0 < share <= 0.8 + 1e-6  # it is planned with 80 % of the friction

@@ -11,14 +11,15 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.cached import cached_property
-from stancekit.planners.files.arrays import Array, check_numbers
-from stancekit.planners.motion.path import CLEARANCE_M, Moments, PlanPath, Segment
-from stancekit.planners.motion.torques import support_forces
-
-from .motion import MotionSample, smooth
+from ..answer.plan import Plan
+from ..cached import cached_property
+from ..files.arrays import Array, check_numbers
+from ..robot.rotation import rotation_of
+from .motion import Samples, smooth, smooth_rate
+from .path import CLEARANCE_M, Moments, PlanPath, Segment
+from .torques import support_forces
 
 KNOTS = 10
 """Postures are chosen so often in every phase."""
@@ -68,20 +69,22 @@ class PlanMotion:
     """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None. longer: so many times
     as long as ``Timing`` says every phase lasts, shape (P,). standing_n: of all limbs where nobody lifts, at its
     beginning and while the body moves alone, by key frame, shape (N, 3) [N] each; where there are none those carry
-    that are to carry next.
+    that are to carry next. uncarried: all limbs may lift at once.
 
-    Raises InvalidInput where all limbs lift at once: nobody carries, and no position control can do that.
+    Raises InvalidInput where all limbs lift at once unless they may: nobody carries, and no position control can do
+    that.
     """
 
     counted = "key frames"
 
     def __init__(
         self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None, longer: Array | None = None,
-        standing_n: Mapping[int, Array] | None = None,
+        standing_n: Mapping[int, Array] | None = None, *, uncarried: bool = False,
     ) -> None:  # fmt: skip
-        self.plan, self.timing, self.path = plan, timing, PlanPath(plan, timing.clearance_m)
-        self._forces, self._longer = plan.forces_n if forces_n is None else forces_n, longer
-        self._standing = standing_n or {}
+        self.plan, self.timing = plan, timing
+        self.path = PlanPath(plan, timing.clearance_m, uncarried=uncarried)
+        self.forces_n, self.longer = plan.forces_n if forces_n is None else forces_n, longer
+        self.standing_n = standing_n or {}
         course = plan.course
         self.solids, self.normals = self.path.solids, self.path.normals
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
@@ -112,7 +115,7 @@ class PlanMotion:
         """All phases in order."""
         course, timing = self.plan.course, self.timing
         found, carried = [], self._support_forces(0, 1)
-        found.append(self._still(0, timing.settle_s, self._standing.get(0, carried), carried))
+        found.append(self._still(0, timing.settle_s, self.standing_n.get(0, carried), carried))
         for k in range(1, course.frames):
             before, after = self._support_forces(k - 1, k), self._support_forces(k, k)
             found.append(self._still(k - 1, timing.transfer_s, carried, before))
@@ -122,13 +125,13 @@ class PlanMotion:
         found.append(self._still(course.frames - 1, timing.transfer_s, carried, last))
         found.append(self._still(course.frames - 1, 2.0 * timing.settle_s, last, last))
         found = [phase for phase in found if phase.seconds > 0.0]
-        longer = np.ones(len(found)) if self._longer is None else self._longer
+        longer = np.ones(len(found)) if self.longer is None else self.longer
         return tuple(
             replace(phase, seconds=phase.seconds * float(times)) for phase, times in zip(found, longer, strict=True)
         )
 
     @property
-    def seconds(self) -> float:
+    def duration_s(self) -> float:
         """How long it takes [s]."""
         return float(self._ends[-1])
 
@@ -137,26 +140,52 @@ class PlanMotion:
         """How long it is at rest before anything moves, load among it [s]."""
         return self.phases[0].seconds
 
-    def at(self, time_s: float) -> MotionSample:
-        """What should be at a time; the ends are held."""
-        phase, s = self._phase(time_s)
-        segment, plan = phase.segment, self.plan
-        a, b = segment.frames
-        return MotionSample(
-            com_m=plan.com_m[a] + s * (plan.com_m[b] - plan.com_m[a]),
-            rotation_rad=plan.rotation_rad[a] + s * (plan.rotation_rad[b] - plan.rotation_rad[a]),
-            frame=a + s * (b - a),
-            feet_m=segment.feet_m[0] + s * (segment.feet_m[1] - segment.feet_m[0]),
-            forces_n=phase.forces[0] + s * (phase.forces[1] - phase.forces[0]),
-            foothold=segment.foothold,
-            normals=self.normals[segment.surface],
-            friction=self._friction[segment.surface],
+    def at(self, times_s: float | Array) -> Samples:
+        """The samples at times; the ends are held."""
+        phase, s, rate = self._passed(times_s)
+        of, along, speed = self._tables, s[..., None], rate[..., None]
+        return Samples(
+            com_m=of["com"][phase] + along * of["moved"][phase],
+            velocity_m_s=speed * of["moved"][phase],
+            rotation_rad=of["rotation"][phase] + along * of["turned"][phase],
+            rotation_rate_rad_s=speed * of["turned"][phase],
+            frame=of["frame"][phase] + s * of["frames"][phase],
+            feet_m=of["feet"][phase] + along[..., None] * of["stepped"][phase],
+            radii_m=self.path.radii_m,
+            forces_n=of["forces"][phase] + along[..., None] * of["loaded"][phase],
+            foothold=self._foothold[phase],
+            normals=of["normals"][phase],
+            friction=of["friction"][phase],
+        )
+
+    def key(self, frame: int) -> Samples:
+        """A key frame as the plan has it, at rest, with the mean force of its stances.
+
+        Angles are the plan's, the body is where legs that weigh nothing have it.
+        """
+        plan = self.plan
+        holds = plan.course.holds[frame]
+        origin = plan.com_m[frame] - rotation_of(plan.rotation_rad[frame]) @ plan.course.robot.origin_m
+        return Samples(
+            com_m=plan.com_m[frame],
+            velocity_m_s=np.zeros(3),
+            rotation_rad=plan.rotation_rad[frame],
+            rotation_rate_rad_s=np.zeros(3),
+            frame=np.array(float(frame)),
+            feet_m=self.path.feet_m[holds],
+            radii_m=self.path.radii_m,
+            forces_n=plan.forces_at(frame),
+            foothold=holds,
+            normals=self.normals[holds],
+            friction=self._friction[holds],
+            origin_m=None if plan.joints_rad is None else origin,
+            angles_rad=None if plan.joints_rad is None else plan.joints_rad[frame],
         )
 
     def moments(self, times_s: Array) -> Moments:
         """Where body and feet are at times, whatever the forces."""
-        found = [self._phase(float(time_s)) for time_s in times_s]
-        return self.path.at([(phase.segment, np.array([s])) for phase, s in found])
+        phases, s, _ = self._passed(times_s)
+        return self.path.at([(self.phases[phase].segment, s[k : k + 1]) for k, phase in enumerate(phases.tolist())])
 
     @property
     def knots_s(self) -> Array:
@@ -176,12 +205,45 @@ class PlanMotion:
         its = [index for index, phase in enumerate(self.phases) if id(phase.segment) in of]
         return float(self._ends[its[0]] - self.phases[its[0]].seconds), float(self._ends[its[-1]])
 
-    def _phase(self, time_s: float) -> tuple[_Phase, float]:
-        """What is on at a time, and how much of its path is behind."""
-        index = min(int(np.searchsorted(self._ends, time_s, side="left")), len(self.phases) - 1)
-        phase = self.phases[index]
-        passed = (time_s - (self._ends[index] - phase.seconds)) / phase.seconds
-        return phase, smooth(min(max(passed, 0.0), 1.0))
+    @cached_property
+    def reached_s(self) -> Array:
+        """When each key frame is reached, shape (M,) [s]."""
+        steps = [self.step_s(frame)[1] for frame in range(1, self.plan.course.frames)]
+        return np.array([0.0, *steps])
+
+    def _passed(self, times_s: float | Array) -> tuple[NDArray[np.int_], Array, Array]:
+        """Which phase it is at times, how much of its path is passed, and the rate of that [1/s]."""
+        when = np.asarray(times_s, dtype=np.float64)
+        phase = np.minimum(self._ends.searchsorted(when, side="left"), len(self._ends) - 1)
+        seconds = self._seconds[phase]
+        passed = np.minimum(np.maximum((when - (self._ends[phase] - seconds)) / seconds, 0.0), 1.0)
+        return phase, smooth(passed), smooth_rate(passed) / seconds
+
+    @cached_property
+    def _seconds(self) -> Array:
+        return np.array([phase.seconds for phase in self.phases])
+
+    @cached_property
+    def _foothold(self) -> NDArray[np.int_]:
+        return np.array([phase.segment.foothold for phase in self.phases])
+
+    @cached_property
+    def _tables(self) -> dict[str, Array]:
+        """What every phase begins with and adds, by name, a row per phase."""
+        plan = self.plan
+        frames = np.array([phase.segment.frames for phase in self.phases])
+        feet = np.array([phase.segment.feet_m for phase in self.phases])
+        forces = np.array([phase.forces for phase in self.phases])
+        surface = np.array([phase.segment.surface for phase in self.phases])
+        (a, b), last = frames.T, frames[:, 1] - frames[:, 0]
+        return {
+            "com": plan.com_m[a], "moved": plan.com_m[b] - plan.com_m[a],
+            "rotation": plan.rotation_rad[a], "turned": plan.rotation_rad[b] - plan.rotation_rad[a],
+            "frame": a.astype(np.float64), "frames": last.astype(np.float64),
+            "feet": feet[:, 0], "stepped": feet[:, 1] - feet[:, 0],
+            "forces": forces[:, 0], "loaded": forces[:, 1] - forces[:, 0],
+            "normals": self.normals[surface], "friction": self._friction[surface],
+        }  # fmt: skip
 
     def _still(self, frame: int, seconds: float, first: Array, last: Array) -> _Phase:
         """All limbs stand, only the load moves."""
@@ -211,6 +273,6 @@ class PlanMotion:
         """Forces at a frame of those that carry during the step to key frame ``step``; where all of them do, those with
         which all stand, or else the mean of what the plan has there."""
         support = self.path.support(step)
-        if len(support) == len(self.plan.course.robot.limbs) and frame in self._standing:
-            return self._standing[frame]
-        return support_forces(self.plan, self._forces, frame, support)
+        if len(support) == len(self.plan.course.robot.limbs) and frame in self.standing_n:
+            return self.standing_n[frame]
+        return support_forces(self.plan, self.forces_n, frame, support)

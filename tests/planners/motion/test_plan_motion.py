@@ -7,6 +7,7 @@ import pytest
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.motion.swing import clear_swing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import standing_forces
@@ -16,8 +17,7 @@ from stancekit.planners.search.plan_window import with_pause
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid
-from stancekit.runner.motion.motion import LoadTransfer
-from stancekit.runner.motion.timeline import PlanMotion, Timing
+from stancekit.runner.motion.other_forces import LoadTransfer
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +33,14 @@ def motion(plan: Plan) -> PlanMotion:
 
 
 def times(motion: PlanMotion) -> np.ndarray:
-    return np.linspace(0.0, motion.seconds, 400)
+    return np.linspace(0.0, motion.duration_s, 400)
 
 
 def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: PlanMotion) -> None:
     course = motion.plan.course
     for time in times(motion):
         now = motion.at(float(time))
-        air = np.array(now.foothold) < 0
+        air = ~now.stands
         assert not now.forces_n[air].any()
         arms = now.feet_m - FOOT_RADIUS_M * now.normals - now.com_m
         np.testing.assert_allclose(now.forces_n.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-3)
@@ -78,9 +78,9 @@ def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_
     lifting = np.array([now.forces_n[~first.forces_n.any(axis=1), 2] for now in found])
     assert (np.diff(lifting, axis=0) <= 1e-12).all()
     assert np.abs(np.diff(lifting, axis=0)).max() < 0.06 * stood[:, 2].max()  # 1.875 of an even pace
-    for time_s in (rest_s, 0.5 * motion.seconds, motion.seconds):
+    for time_s in (rest_s, 0.5 * motion.duration_s, motion.duration_s):
         np.testing.assert_array_equal(resumption.at(time_s).forces_n, motion.at(time_s).forces_n)
-    assert (resumption.seconds, resumption.solids) == (motion.seconds, motion.solids)
+    assert (resumption.duration_s, resumption.solids) == (motion.duration_s, motion.solids)
     np.testing.assert_array_equal(resumption.knots_s, motion.knots_s)
 
 
@@ -96,7 +96,7 @@ def test_feet_that_stand_are_a_radius_off_their_toes(motion: PlanMotion) -> None
 def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: PlanMotion) -> None:
     frames = np.array([motion.at(float(time)).frame for time in times(motion)])
     assert np.all(np.diff(frames) >= -1e-12)
-    end = motion.at(motion.seconds + 1.0)
+    end = motion.at(motion.duration_s + 1.0)
     np.testing.assert_allclose(end.com_m, motion.plan.com_m[-1])
     np.testing.assert_allclose(end.rotation_rad, motion.plan.rotation_rad[-1])
     assert set(range(motion.plan.course.frames)) <= {round(float(f), 9) for f in frames}
@@ -104,7 +104,7 @@ def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: PlanMotion
 
 def test_nothing_leaps(motion: PlanMotion) -> None:
     step = 0.002
-    moments = [motion.at(step * i) for i in range(int(motion.seconds / step))]
+    moments = [motion.at(step * i) for i in range(int(motion.duration_s / step))]
     feet = np.array([moment.feet_m for moment in moments])
     com = np.array([moment.com_m for moment in moments])
     forces = np.array([moment.forces_n for moment in moments])
@@ -144,7 +144,7 @@ def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
 
 
 def test_a_faster_pace_takes_as_much_less_time(plan: Plan) -> None:
-    assert PlanMotion(plan, Timing().at_pace(2.0)).seconds == pytest.approx(PlanMotion(plan).seconds / 2.0)
+    assert PlanMotion(plan, Timing().at_pace(2.0)).duration_s == pytest.approx(PlanMotion(plan).duration_s / 2.0)
 
 
 def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan: Plan) -> None:
@@ -160,7 +160,7 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
         choice=np.zeros(12), forces_n=np.zeros((len(every.stances), 6, 3)),
     )  # fmt: skip
     with pytest.raises(InvalidInput, match=r"^frame 1: expected limbs that stay and carry the robot"):
-        _ = PlanMotion(leap).seconds
+        _ = PlanMotion(leap).duration_s
 
 
 def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_cones() -> None:

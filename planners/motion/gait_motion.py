@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
-from stancekit.planners.terrain.prism import Solid
-
-from .motion import MotionSample
+from ..answer.trajectory import Trajectory
+from ..cached import cached_property
+from ..files.arrays import Array
+from ..robot.urdf import FOOT_RADIUS_M
+from ..terrain.prism import Solid
+from .motion import Samples, rotation_rate
 
 SETTLE_S = 0.5
 """At rest before and after."""
@@ -26,10 +26,10 @@ KNOT_S = 0.05
 
 
 class GaitMotion:
-    """A trajectory over time. Feet are spheres: a radius above what they touch. ``MotionSample.frame`` counts seconds.
+    """A trajectory over time. Feet are spheres: a radius above what they touch. ``Samples.frame`` counts seconds.
 
     radii_m: of the feet, shape (N,), or of all of them. stances: what every stance is called, of all feet;
-    ``MotionSample.foothold`` counts them.
+    ``Samples.foothold`` counts them.
     """
 
     counted = "seconds"
@@ -37,7 +37,7 @@ class GaitMotion:
 
     def __init__(self, trajectory: Trajectory, radii_m: Array | float = FOOT_RADIUS_M) -> None:
         self.trajectory = trajectory
-        self._radii = np.broadcast_to(radii_m, (len(trajectory.robot.feet),))[:, None]
+        self._radii = np.broadcast_to(radii_m, (len(trajectory.robot.feet),))
         self._friction = np.full(len(self._radii), trajectory.friction)
         self._turned = Slerp(trajectory.times_s, Rotation.from_matrix(trajectory.rotation))
         self._normals = trajectory.terrain.normal(trajectory.feet_m[..., :2])
@@ -50,7 +50,7 @@ class GaitMotion:
     @property
     def last_frame(self) -> float:
         """The end [s]."""
-        return self.seconds
+        return self.duration_s
 
     @property
     def goal_m(self) -> Array:
@@ -62,37 +62,50 @@ class GaitMotion:
         return {"start_m": self.trajectory.torso_m[0], "goal_m": self.trajectory.torso_m[-1]}
 
     @property
-    def seconds(self) -> float:
+    def duration_s(self) -> float:
         """How long it takes [s]."""
         return self.trajectory.duration_s + 2.0 * SETTLE_S
 
     @property
     def knots_s(self) -> Array:
         """Times at which postures are chosen, shape (T,) [s]."""
-        return np.linspace(0.0, self.seconds, int(np.ceil(self.seconds / KNOT_S)) + 1)
+        return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / KNOT_S)) + 1)
 
-    def at(self, time_s: float) -> MotionSample:
-        """What should be at a time; the ends are held."""
-        times = self.trajectory.times_s
-        now = float(np.clip(times[0] + time_s - SETTLE_S, times[0], times[-1]))
-        k = min(max(int(np.searchsorted(times, now, side="right")) - 1, 0), len(times) - 2)
-        s = (now - times[k]) / (times[k + 1] - times[k])
+    def at(self, times_s: float | Array) -> Samples:
+        """The samples at times; the ends are held."""
+        when, times = np.asarray(times_s, dtype=np.float64), self.trajectory.times_s
+        now = np.clip(times[0] + when - SETTLE_S, times[0], times[-1])
+        k = np.clip(np.searchsorted(times, now, side="right") - 1, 0, len(times) - 2)
+        last = times[k + 1] - times[k]
+        s = (now - times[k]) / last
 
         def between(table: Array) -> Array:
-            return np.asarray(table[k] + s * (table[k + 1] - table[k]))
+            share = s.reshape(s.shape + (1,) * (table.ndim - 1))
+            return np.asarray(table[k] + share * (table[k + 1] - table[k]))
 
         normals = between(self._normals)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return MotionSample(
-            com_m=between(self.trajectory.torso_m),
-            rotation_rad=self._turned(now).as_rotvec(),
-            frame=min(max(time_s, 0.0), self.seconds),
-            feet_m=between(self.trajectory.feet_m) + self._radii * normals,
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+        walks = (now == times[0] + when - SETTLE_S)[..., None] / last[..., None]
+        torso, rotation = self.trajectory.torso_m, np.asarray(self._turned(now).as_rotvec())
+        return Samples(
+            com_m=between(torso),
+            velocity_m_s=walks * (torso[k + 1] - torso[k]),
+            rotation_rad=rotation,
+            rotation_rate_rad_s=rotation_rate(rotation, walks * self._turns[k]),
+            frame=np.clip(when, 0.0, self.duration_s),
+            feet_m=between(self.trajectory.feet_m) + self._radii[:, None] * normals,
+            radii_m=self._radii,
             forces_n=between(self.trajectory.forces_n),
-            foothold=tuple(self._foothold[k + (s >= 1.0)].tolist()),
+            foothold=self._foothold[k + (s >= 1.0)],
             normals=normals,
-            friction=self._friction,
+            friction=np.broadcast_to(self._friction, (*when.shape, len(self._friction))),
         )
+
+    @cached_property
+    def _turns(self) -> Array:
+        """By how much the body turns from each sample to the next, world frame, shape (K − 1, 3) [rad]."""
+        turns = Rotation.from_matrix(self.trajectory.rotation)
+        return np.asarray((turns[1:] * turns[:-1].inv()).as_rotvec())
 
 
 def footholds(contact: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -1,0 +1,28 @@
+"""Motions of body and feet, for whoever knows no joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..answer.leap_plan import LeapPlan
+from ..answer.plan import Plan
+from ..answer.trajectory import Trajectory
+from .gait_motion import GaitMotion
+from .leap_motion import LeapMotion
+from .plan_motion import PlanMotion
+
+
+def feet_motion(subject: Plan | Trajectory | LeapPlan) -> PlanMotion | GaitMotion | LeapMotion:
+    """The motion of a plan, a walk or a leap, timed as ``run`` times it where no joint asks for more time.
+
+    A plan may also lift all limbs at once; the runner refuses such a plan.
+    """
+    match subject:
+        case Plan():
+            return PlanMotion(subject, uncarried=True)
+        case Trajectory():
+            model = subject.robot.model
+            radii = [0.0] * len(subject.robot.feet) if model is None else [leg.radius_m for leg in model.legs]
+            return GaitMotion(subject, np.array(radii))
+        case LeapPlan():
+            return LeapMotion(subject)

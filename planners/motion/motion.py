@@ -1,0 +1,160 @@
+"""The one form in which motions are sampled: what body, feet and joints should do at given times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.arrays import Array, cross
+from ..terrain.prism import Solid
+
+T = TypeVar("T", float, Array)
+SMALL_RAD2 = 1e-6
+"""Below this squared angle series take the place of sines and cosines."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Samples:
+    """A motion at T times, N limbs, J joints; at a single time the leading dimension T is missing.
+
+    Arguments:
+        com_m, velocity_m_s: centre of mass, shape (T, 3).
+        rotation_rad, rotation_rate_rad_s: rotation vector of the body and its derivative, shape (T, 3).
+        frame: progress in key frames, e.g. 1.5 half way from frame 1 to 2, or in seconds for a walk or a leap; (T,).
+        feet_m: centres of the feet, shape (T, N, 3).
+        radii_m: radii of the feet, shape (N,).
+        forces_n: contact forces on the robot, shape (T, N, 3).
+        foothold: number of the foothold under every limb, −1 in the air, shape (T, N).
+        normals, friction: of the surface that a limb stands on, leaves or comes to, shape (T, N, 3), (T, N).
+        origin_m: of the frame of the body's link, shape (T, 3); None where the joints are not known.
+        angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J); None where they are not known.
+    """
+
+    com_m: Array
+    velocity_m_s: Array
+    rotation_rad: Array
+    rotation_rate_rad_s: Array
+    frame: Array
+    feet_m: Array
+    radii_m: Array
+    forces_n: Array
+    foothold: NDArray[np.int_]
+    normals: Array
+    friction: Array
+    origin_m: Array | None = None
+    angles_rad: Array | None = None
+    rates_rad_s: Array | None = None
+    torques_nm: Array | None = None
+
+    @property
+    def angular_velocity_rad_s(self) -> Array:
+        """Of the body, in the world frame, shape (T, 3)."""
+        return angular_velocity(self.rotation_rad, self.rotation_rate_rad_s)
+
+    @property
+    def toes_m(self) -> Array:
+        """Lowest points of the feet, a radius below their centres along the normal, shape (T, N, 3)."""
+        return np.asarray(self.feet_m - self.radii_m[:, None] * self.normals)
+
+    @property
+    def stands(self) -> NDArray[np.bool_]:
+        """Whether each limb has a foothold, shape (T, N)."""
+        return np.asarray(self.foothold >= 0)
+
+    @property
+    def steep(self) -> NDArray[np.bool_]:
+        """Whether the slope exceeds atan μ, so that friction alone holds no weight, shape (T, N)."""
+        return np.asarray(self.normals[..., 2] * np.hypot(1.0, self.friction) < 1.0)
+
+
+class Motion(Protocol):
+    """What a film shows, a tracker follows and an export writes."""
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """What limbs keep off."""
+        ...
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the beginning to the end [s]."""
+        ...
+
+    @property
+    def knots_s(self) -> Array:
+        """Times from 0 to the end at which postures are chosen, the same moments at every pace, shape (K,) [s]."""
+        ...
+
+    def at(self, times_s: float | Array) -> Samples:
+        """The samples at times, shape (T,), or at a single one [s]; before 0 and after the end the ends are held."""
+        ...
+
+
+def stacked(samples: Sequence[Samples]) -> Samples:
+    """Single samples as one value with a row for each."""
+    names = [field.name for field in fields(Samples) if field.name != "radii_m"]
+    rows = {name: [getattr(each, name) for each in samples] for name in names}
+    known: dict[str, Any] = {name: None if row[0] is None else np.array(row) for name, row in rows.items()}
+    return Samples(**known, radii_m=samples[0].radii_m)
+
+
+def between(rows: Samples, at: Array) -> Samples:
+    """Samples between rows, at fractional indices of shape (T,) or (): straight lines join the rows.
+
+    Footholds are those of the row before; an index within 1e-6 of a row is that row.
+    """
+    last = len(rows.com_m) - 1
+    near = np.clip(np.where(np.abs(at - np.round(at)) < 1e-6, np.round(at), at), 0.0, last)
+    first = np.floor(near).astype(int)
+    then, share = np.minimum(first + 1, last), near - first
+
+    def mixed(table: Array | None) -> Array | None:
+        if table is None:
+            return None
+        weight = share.reshape(share.shape + (1,) * (table.ndim - 1))
+        return np.asarray(table[first] + weight * (table[then] - table[first]))
+
+    names = [field.name for field in fields(Samples) if field.name not in ("radii_m", "foothold")]
+    found: dict[str, Any] = {name: mixed(getattr(rows, name)) for name in names}
+    return Samples(**found, radii_m=rows.radii_m, foothold=rows.foothold[first])
+
+
+def smooth(s: T) -> T:
+    """A quintic from 0 to 1 with no velocity and no acceleration at its ends."""
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+def smooth_rate(s: T) -> T:
+    """The derivative of ``smooth``."""
+    return 30.0 * s * s * (1.0 - s) * (1.0 - s)
+
+
+def angular_velocity(rotation_rad: Array, rate_rad_s: Array) -> Array:
+    """J(Θ) Θ̇ of a body whose rotation vector Θ changes at a rate, shape (…, 3) [rad/s].
+
+    J(Θ) = I + (1 − cos a) / a² [Θ]× + (a − sin a) / a³ [Θ]×², a = |Θ|.
+    """
+    square = np.vecdot(rotation_rad, rotation_rad)[..., None]
+    large = square > SMALL_RAD2
+    angle = np.sqrt(np.where(large, square, 1.0))
+    first = np.where(large, (1.0 - np.cos(angle)) / angle**2, 0.5 - square / 24.0)
+    second = np.where(large, (angle - np.sin(angle)) / angle**3, 1.0 / 6.0 - square / 120.0)
+    once = cross(rotation_rad, rate_rad_s)
+    return np.asarray(rate_rad_s + first * once + second * cross(rotation_rad, once))
+
+
+def rotation_rate(rotation_rad: Array, angular_velocity_rad_s: Array) -> Array:
+    """The inverse of ``angular_velocity``: J(Θ)⁻¹ ω, shape (…, 3) [rad/s].
+
+    J(Θ)⁻¹ = I − ½ [Θ]× + (1 − a / 2 · cot(a / 2)) / a² [Θ]×².
+    """
+    square = np.vecdot(rotation_rad, rotation_rad)[..., None]
+    large = square > SMALL_RAD2
+    half = 0.5 * np.sqrt(np.where(large, square, 1.0))
+    second = np.where(large, (1.0 - half / np.tan(half)) / (4.0 * half**2), 1.0 / 12.0)
+    once = cross(rotation_rad, angular_velocity_rad_s)
+    return np.asarray(angular_velocity_rad_s - 0.5 * once + second * cross(rotation_rad, once))

@@ -1,0 +1,146 @@
+"""The motion that ``run`` streams, with its joints: timed by what they can do, the same for a world and for a film."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.feet_motion import feet_motion
+from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.motion import Motion
+from stancekit.planners.motion.plan_motion import PlanMotion, Timing
+from stancekit.planners.physics import GRAVITY_M_S2
+from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.legged import foot_radii, walking_robot
+
+from ..worlds.capabilities import WorldCapabilities
+from ..worlds.drives import Drives
+from .redundancy import RedundancyResolution, resolved
+from .time_parametrization import (
+    ACCELERATION_RAD_S2,
+    LIMIT_SHARE,
+    RATE_HZ,
+    TimedMotion,
+    check_static,
+    joint_profile,
+    limit_use,
+    parametrize,
+    unhurried,
+)
+
+log = logging.getLogger(__name__)
+
+
+def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
+    """The motion of a plan or a walk as ``run`` streams it where nothing disturbs it, ``RATE_HZ`` rows per second.
+
+    Of body and feet alone, on the same path and timed by the same rule, where joints are not known or ``run`` would
+    refuse them, and for a leap. The robot's own drives are taken.
+    """
+    try:
+        match subject:
+            case Plan():
+                kinematics = Kinematics(subject.course.robot, gravity_m_s2=subject.course.gravity_m_s2)
+                drives, can = _of_file(kinematics)
+                motion, wished = unhurried_plan(subject, kinematics, can)
+                return timed_plan(motion, wished, kinematics, can, drives)
+            case Trajectory():
+                robot = walking_robot(subject.robot)
+                kinematics = Kinematics(robot, gravity_m_s2=GRAVITY_M_S2)
+                drives, can = _of_file(kinematics)
+                walk = GaitMotion(subject, foot_radii(robot))
+                return timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
+    except InvalidInput as error:
+        log.info("the motion is shown without its joints: %s", error)
+    return feet_motion(subject)
+
+
+def unhurried_plan(
+    plan: Plan,
+    kinematics: Kinematics,
+    can: WorldCapabilities,
+    timing: Timing = Timing(),
+    *,
+    shared: bool = True,
+) -> tuple[PlanMotion, RedundancyResolution]:
+    """A plan's motion whose phases last as long as joints need, and the postures that joints are drawn to.
+
+    shared: forces are shared anew among the limbs of every stance, with a reserve of friction. Raises InvalidInput
+    where all limbs lift at once.
+    """
+    forces_n = distribute_forces(plan, kinematics) if shared else None
+    standing_n = standing_forces(plan, kinematics) if shared else None
+    motion = PlanMotion(plan, timing, forces_n, standing_n=standing_n)
+    wished = resolved(motion, kinematics)
+    longer = unhurried(motion, wished, can.velocity_rad_s, _most(kinematics.robot))
+    motion = PlanMotion(plan, timing, forces_n, longer, standing_n)
+    return motion, wished.retimed(motion.knots_s)
+
+
+def timed_plan(
+    motion: PlanMotion,
+    wished: RedundancyResolution,
+    kinematics: Kinematics,
+    can: WorldCapabilities,
+    drives: Drives,
+    *,
+    hung: bool = False,
+) -> TimedMotion[PlanMotion]:
+    """A plan's motion slowed down to what joints can do. Raises InvalidInput as ``parametrize`` does."""
+    return parametrize(
+        motion.plan,
+        kinematics,
+        can,
+        motion.timing,
+        forces_n=motion.forces_n,
+        hung=hung,
+        drives=drives,
+        longer=motion.longer,
+        standing_n=motion.standing_n,
+        wished=wished,
+    )
+
+
+def timed_gait(
+    motion: GaitMotion,
+    wished: RedundancyResolution,
+    kinematics: Kinematics,
+    can: WorldCapabilities,
+    drives: Drives,
+    *,
+    hung: bool = False,
+) -> TimedMotion[GaitMotion]:
+    """A gait's motion as it is planned. Raises InvalidInput where joints cannot do it: it cannot be slowed down.
+
+    What a robot's own joints can accelerate follows from their torques; servos are given a limit of their own.
+    """
+    profile = joint_profile(motion, kinematics, hung=hung, balanced=True, drives=drives, wished=wished)
+    check_static(profile, kinematics, can, LIMIT_SHARE, drives)
+    most = _most(kinematics.robot)
+    uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
+    for name, (use, joint) in uses.items():
+        if use > 1.0:
+            raise InvalidInput(
+                f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "
+                "runs as planned, or not at all: plan one that steps less high or less far"
+            )
+    velocity, acceleration, torque = (uses[name][0] for name in ("velocity", "acceleration", "torque"))
+    return TimedMotion(motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque)
+
+
+def _most(robot: Robot) -> float:
+    """The greatest acceleration of joints [rad/s²]."""
+    return ACCELERATION_RAD_S2 if robot.model is None else np.inf
+
+
+def _of_file(kinematics: Kinematics) -> tuple[Drives, WorldCapabilities]:
+    """The drives of a robot as its file says, and what they can do."""
+    drives = Drives.of(kinematics.robot, kinematics.servo, kinematics.model)
+    return drives, WorldCapabilities.of_drives(drives, RATE_HZ, senses=False)
