@@ -70,8 +70,8 @@ def walk(
     """Find a walk over a terrain: the motion of the torso, footholds and contact forces.
 
     Arguments:
-        terrain: a ``HeightField``, a name ("ripple", "cone", "hill", "pit", ...), a random one as "rough:0.5:7"
-            (family, difficulty, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
+        terrain: a ``HeightField``, a name ("ripple", "cone", "hill", "pit", ...), a family's ground as
+            "rough:0.5:7" (family, level, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
         robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a walker's numbers, a
             ``Robot`` with legs of its own, or what ``load`` gives of such a file.

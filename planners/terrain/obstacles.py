@@ -116,7 +116,7 @@ class Obstacles:
                 continue
             convex += [Obstacle(name=f"patch {i}", solid=Solid.behind(patches[i])) for i in group]
             if len(its) > 3 and _closes(its):
-                fans = [_fan(patch) for patch in its]
+                fans = [fan(patch) for patch in its]
                 closed.append(ClosedSurface(name=name, triangles_m=np.concatenate(fans)))
         return cls(convex=tuple(convex), closed=tuple(closed))
 
@@ -165,7 +165,7 @@ def _closes(patches: Sequence[Patch]) -> bool:
     return bool(np.linalg.norm(areas.sum(axis=0)) < 0.01 * np.linalg.norm(areas, axis=1).sum()) and volume > 0.0
 
 
-def _fan(patch: Patch) -> Array:
+def fan(patch: Patch) -> Array:
     """The patch as triangles whose order turns about its normal, shape (U − 2, 3, 3)."""
     border = patch.vertices_m
     around = np.cross(border - border[0], np.roll(border, -1, axis=0) - border[0]).sum(axis=0) @ patch.normal
