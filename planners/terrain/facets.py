@@ -185,7 +185,7 @@ def _merged_planes(labels: NDArray[np.int_], corners: Array, normals: Array, are
     for one in sorted(of, key=lambda group: (-size[group], group)):
         if one not in taken:
             its = [one, *(other for other in of[one] if other not in taken)]
-            whose[its] = one
+            whose[its] = min(its)
             taken.update(its)
     return np.asarray(whose[labels])
 

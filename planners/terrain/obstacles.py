@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array
+from .ground import Ground as Ground
 from .patch import Patch
 from .prism import Solid
 
@@ -63,30 +64,6 @@ class ClosedSurface:
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         behind = np.vecdot(a - point, normals)
         return float(behind[behind > 0.0].min(initial=np.inf))
-
-
-class Ground:
-    """Heights that are solid below. name: for people."""
-
-    name = "the ground"
-
-    def __init__(self, terrain: HeightField) -> None:
-        self.terrain = terrain
-        (self._control,), self._knots = terrain.spline
-
-    def near(self, low: Array, high: Array) -> NDArray[np.bool_]:
-        """Which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its control points. Shape (S,)."""
-        (x0, x1), (y0, y1) = (
-            [np.clip(np.searchsorted(knots, at[:, k], side="right") - 4, 0, len(knots) - 8) for at in (low, high)]
-            for k, knots in enumerate(self._knots)
-        )
-        tops = [self._control[a : b + 4, c : d + 4].max() for a, b, c, d in zip(x0, x1, y0, y1, strict=True)]
-        return np.asarray(low[:, 2] < np.array(tops))
-
-    def depth(self, points: Array) -> Array:
-        """How deep points are in it, along the normal where it is even, negative above, shape (…, 3) to (…) [m]."""
-        height, slope = self.terrain.height_and_gradient(points[..., :2])
-        return np.asarray((height - points[..., 2]) / np.sqrt(1.0 + np.vecdot(slope, slope)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

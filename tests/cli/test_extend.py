@@ -194,7 +194,7 @@ def test_a_distribution_in_yaml_is_the_built_in_one_with_its_own_numbers(stancek
     [
         (
             "terrain: moon\nlegs: [RF]\nfriction: [0, 1]\n",
-            "d.yaml: terrain: expected ground, wall, or a terrain's file, got 'moon'",
+            "d.yaml: terrain: expected ground, wall, or a terrain's file or name, got 'moon'",
         ),
         ("terrain: wall\nlegs: [XX]\nfriction: [0, 1]\n", "d.yaml: leg: expected one of LF, LM"),
         ("terrain: wall\nlegs: [RF]\nfriction: [2, 1]\n", "d.yaml: friction: expected 0 ≤ low ≤ high, got 2 and 1"),
