@@ -7,10 +7,12 @@ from pathlib import Path
 from stancekit.planners.arguments import checked, settings_from
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.model import Robot
+from stancekit.planners.terrain.families import TERRAIN_FAMILIES
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
-from stancekit.planners.terrain.reference import named_surface, named_terrain
+from stancekit.planners.terrain.reference import named_ground, named_surface, named_terrain, names_ground
+from stancekit.planners.terrain.terrain import Terrain
 
 
 @checked
@@ -82,6 +84,31 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
         ((-4.0, 4.0), (-4.0, 4.0))
     """
     return named_terrain(str(source), settings_from(ImportOptions, meaning, beside=("source", "smooth_m")), smooth_m)
+
+
+@checked
+def ground(name: str) -> Terrain:
+    """Make a ground by its name: the same one for plans, walks, footholds, samples and environments.
+
+    Arguments:
+        name: a family's ground as "stairs:0.5:7" (family, level in [0, 1], seed), a reference terrain ("ripple",
+            "hill", ...), or "FILE.py:NAME", with a level and a seed where it is a family.
+    Returns:
+        The ``Terrain``: ``patches`` about the place ``begin_m`` where courses over it begin, and ``heights``, to
+        ``walk`` over, whose edges are rounded; None where all surfaces are upright.
+    Raises:
+        InvalidInput: for an unknown name, a level outside [0, 1], and what is no seed.
+    Source:
+        None: docs/terrain.md has the table.
+    Example:
+        >>> from stancekit.terrains import ground
+        >>> stairs = ground("stairs:0.5:7")
+        >>> len(stairs.patches), stairs.figures["riser_m"], stairs.heights.domain_m
+        (13, 0.25, ((-4.0, 4.0), (-4.0, 4.0)))
+    """
+    if not names_ground(name):
+        raise TERRAIN_FAMILIES.unknown(name)
+    return named_ground(name)
 
 
 def _radius_m(robot: Robot) -> float:

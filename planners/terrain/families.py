@@ -348,31 +348,36 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
 
 
 def _of_shape(shape: Shape, name: str, extent: Extent, rng: np.random.Generator) -> Terrain:
-    """A ground of heights, with the planar pieces of it that a foot may be put on, about where it is no longer level.
-
-    The course begins there, over the plane that is nearest to the heights about its way.
-    """
-    from .elevation import ElevationMap
-    from .foothold_search import footholds_of
-    from .footholds import FootholdLimits
+    """A ground of heights, seen about where it is no longer level: there its courses begin."""
     from .smooth_families import LEVEL_M, levelled
 
     field, friction = levelled(shape, name), float(rng.uniform(0.6, 0.9))
     begin = np.array([2.0 * LEVEL_M, 0.0, 0.0])
+    return of_heights(field, friction, begin, extent.box_m + begin if extent is SCENE else extent.box_m)
+
+
+def of_heights(field: HeightField, friction: float, begin_m: Array, box_m: Array) -> Terrain:
+    """A ground of heights, with the planar pieces in a box, shape (2, 3) [m], that a foot may be put on.
+
+    A course begins over a place, shape (3,) [m], in the plane that is nearest to the heights about its way.
+    """
+    from .elevation import ElevationMap
+    from .foothold_search import footholds_of
+    from .footholds import FootholdLimits
+
     whole = ElevationMap.of_field(field)
-    seen = whole.cropped(extent.box_m + begin) if extent is SCENE else whole
-    about = seen.cropped(np.array([(-0.4, -0.4, -np.inf), (0.65, 0.4, np.inf)]) + begin)
-    x, y = np.meshgrid(about.x_m - begin[0], about.y_m, indexing="ij")
+    about = whole.cropped(np.array([(-0.4, -0.4, -np.inf), (0.65, 0.4, np.inf)]) + begin_m)
+    x, y = np.meshgrid(about.x_m - begin_m[0], about.y_m - begin_m[1], indexing="ij")
     terms = np.column_stack([np.ones(x.size), x.ravel(), y.ravel()])
     plane, *_ = np.linalg.lstsq(terms, about.heights_m.ravel(), rcond=None)
     off = about.heights_m.ravel() - terms @ plane
     limits = FootholdLimits()
-    found = footholds_of(seen, limits, friction, none=True)
+    found = footholds_of(whole.cropped(box_m), limits, friction, none=True)
     return Terrain(
         patches=found.surfaces, footing=(False,) * len(found.surfaces),
         footholds=tuple(piece.patch for piece in found.pieces), inset_m=limits.margin_m, rise=float(plane[1]),
         figures={"deviation_m": float(np.sqrt(np.mean(off**2))), "rise": float(plane[1]), "friction": friction},
-        begin_m=(float(begin[0]), 0.0, float(plane[0])), laid=lambda: field,
+        begin_m=(float(begin_m[0]), float(begin_m[1]), float(plane[0])), laid=lambda: field,
     )  # fmt: skip
 
 

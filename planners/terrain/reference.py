@@ -19,17 +19,21 @@ from ..files.arrays import Array, read_only
 from ..plugins import Registry, split_name, takes
 from .elevation import ElevationMap
 from .families import (
+    SCENE,
     TERRAIN_FAMILIES,
     WIDE,
     Shape,
     checked_draw,
     drawn_name,
     drawn_surface,
+    family_terrain,
+    of_heights,
     random_heights,
     read_draw,
 )
 from .heightfield import HeightField
 from .import_options import ImportOptions
+from .terrain import Terrain
 from .terrain_file import read_heights
 from .triangle_mesh import TriangleMesh
 
@@ -56,6 +60,8 @@ def pit(gradient: float) -> Shape:
     return lambda x, y: np.asarray(-0.5 * (1.0 - np.tanh(2.0 * gradient * (np.hypot(x, y) - 1.3))))
 
 
+FRICTION = 0.75
+"""Of grounds that say none, as walks have it."""
 REFERENCE_TOLERANCE_M = 0.025
 """What the splines of the references may miss of their formulas: the wall of 87° by 15 mm, the others by under 1 mm."""
 
@@ -186,6 +192,13 @@ def names_ground(name: str) -> bool:
     family = split_name(name)[0]
     own = family.endswith(".py") or ".py:" in family
     return name in TERRAINS.names() or own or (drawn_name(name) and not Path(name).exists())
+
+
+def named_ground(name: str) -> Terrain:
+    """A ground by its name, with the patches about the place where courses over it begin. Raises InvalidInput."""
+    if drawn_name(name):
+        return family_terrain(*read_draw(name, "terrain"))
+    return of_heights(named_terrain(name), FRICTION, np.zeros(3), SCENE.box_m)
 
 
 def named_surface(name: str) -> TriangleMesh | ElevationMap:
