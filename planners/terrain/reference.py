@@ -33,9 +33,11 @@ from .families import (
 )
 from .heightfield import HeightField
 from .import_options import ImportOptions
-from .terrain import Terrain
 from .terrain_file import read_heights
 from .triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from .terrain import Terrain
 
 
 def ripple(x: Array, y: Array) -> Array:
