@@ -224,21 +224,19 @@ def _without_warnings() -> Iterator[None]:
 
     A name of an earlier version is worth a line of its own.
     """
-    from stancekit.planners.errors import OldName
-
     from .console import complain
 
     told = set[str]()
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if issubclass(category, OldName) and str(message) not in told:
+        if str(message) not in told:
             told.add(str(message))
             complain(f"stancekit: warning: {message}")
 
     with warnings.catch_warnings():
         if not os.environ.get(TRACE):
             warnings.simplefilter("ignore")
-            warnings.simplefilter("always", OldName)
+            warnings.filterwarnings("always", category=DeprecationWarning, module="stancekit")
             warnings.showwarning = show
         yield
 

@@ -30,10 +30,6 @@ class InvalidInput(StancekitError, ValueError):
     """
 
 
-class OldName(DeprecationWarning):
-    """A name of an earlier version was used, which is taken for one more release; commands say so in one line."""
-
-
 class PlanningFailed(StancekitError):
     """A plan was asked for and none was found; the message says why."""
 

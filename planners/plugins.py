@@ -29,7 +29,7 @@ from threading import RLock
 from types import FunctionType, ModuleType
 from typing import Any, Generic, TypeVar, cast
 
-from .errors import InvalidInput, OldName, StancekitError
+from .errors import InvalidInput, StancekitError
 from .files.documents import read_text
 from .files.validation import shown
 
@@ -116,7 +116,7 @@ class Registry(Generic[T]):
             if point.name == name:
                 if point.group in self._old_groups:
                     said = f"entry point {name} of {point.group}: {self.group} is the group of these now"
-                    warnings.warn(said, OldName, stacklevel=3)
+                    warnings.warn(said, DeprecationWarning, stacklevel=3)
                 where = f"{self.kind} {name} of {point.value}"
                 return _attribute(_imported(point.module, where), point.attr, where)
         raise self.unknown(name)

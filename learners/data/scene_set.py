@@ -79,7 +79,7 @@ def export_scenes(
 def _heights(folder: Path, name: str, scene: Terrain, spacing_m: float) -> dict[str, Any]:
     """The keys of the heights of a scene, written into its folder."""
     step = checked(spacing_m, "spacing_m", least=0.002, most=0.2)
-    (x0, y0, _), (x1, y1, _) = SCENE.box_m
+    (x0, y0, _), (x1, y1, _) = SCENE
     x, y = (scene.begin_m[k] + np.arange(a, b + 1e-9, step) for k, (a, b) in enumerate(((x0, x1), (y0, y1))))
     np.save(folder / name, scene.grid(x, y))
     return {"heights": name, "spacing_m": spacing_m, "corner_m": [float(x[0]), float(y[0])]}

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InvalidInput, OldName
+from ..errors import InvalidInput
 from ..files.arrays import Array, checked
 from ..files.validation import shown
 from ..plugins import Registry, split_name, takes
@@ -36,29 +36,17 @@ LEAST_M = 1e-3
 """A riser lower than this is none [m]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Extent:
-    """A rectangle of ground: from low_x_m to high_x_m, and half_width_m to each side [m]."""
-
-    low_x_m: float
-    high_x_m: float
-    half_width_m: float
-
-    @property
-    def box_m(self) -> Array:
-        """Its corners, at any height, shape (2, 3) [m]."""
-        w = self.half_width_m
-        return np.array([(self.low_x_m, -w, -np.inf), (self.high_x_m, w, np.inf)])
-
-
-SCENE = Extent(low_x_m=-0.8, high_x_m=1.1, half_width_m=0.8)
-"""What a robot about (0, 0, 0.2) that heads along x for 0.3 m could touch with legs of up to half a metre."""
-WIDE = Extent(low_x_m=-4.0, high_x_m=4.0, half_width_m=4.0)
-"""What walks go over."""
+SCENE = np.array([(-0.8, -0.8, -np.inf), (1.1, 0.8, np.inf)])
+"""All that a robot about (0, 0, 0.2) that heads along x for 0.3 m could touch with legs of up to half a metre: a box."""
+WIDE = np.array([(-4.0, -4.0, -np.inf), (4.0, 4.0, np.inf)])
+"""All that walks go over: a box."""
+for _box in (SCENE, WIDE):
+    _box.setflags(write=False)
 Shape = Callable[[Array, Array], Array]
 Draw = Callable[..., Terrain | Sequence[Patch] | Shape]
 """A function of a level and a generator that gives a ground: a terrain; its surfaces, where all of it is level on the
-whole and to stand on; or h of x and y. Polygons go on to an ``extent`` where it takes one by that name."""
+whole and to stand on; or h of x and y. Polygons go on to an ``extent``, a box as ``WIDE``, where it takes one by that
+name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,23 +59,24 @@ class Family:
     walked: bool = True
 
 
-def _stairs(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> Terrain:
+def _stairs(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, half = _ends(extent)
     run, phase, friction = rng.uniform(0.24, 0.32), rng.uniform(0.0, 1.0), rng.uniform(0.6, 0.9)
     riser = RISER_M * level
     patches, footing = list[Patch](), list[bool]()
-    first = int(np.floor(extent.low_x_m / run - phase))
-    for step in range(first, int(np.ceil(extent.high_x_m / run - phase))):
+    first = int(np.floor(low_x / run - phase))
+    for step in range(first, int(np.ceil(high_x / run - phase))):
         x, height = (step + phase) * run, (step + 0.5 + phase) * riser  # the mean goes through the origin
         if riser > LEAST_M and step > first:
-            patches.append(_riser(x, height - riser, height, friction, extent))
+            patches.append(_riser(x, height - riser, height, friction, half))
             footing.append(False)
-        patches.append(_level(x, x + run, -extent.half_width_m, extent.half_width_m, height, friction))
+        patches.append(_level(x, x + run, -half, half, height, friction))
         footing.append(True)
     figures = {"riser_m": riser, "run_m": run, "friction": friction}
     return Terrain(patches=tuple(patches), footing=tuple(footing), rise=riser / run, figures=figures)
 
 
-def _stones(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> Terrain:
+def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.6, 0.9)
     shifts, tops = rng.uniform(-0.5, 0.5, (STONES, STONES, 2)), rng.uniform(-1.0, 1.0, (STONES, STONES))
     side, apart = STONE_M[0] + (STONE_M[1] - STONE_M[0]) * level, APART_M * level
@@ -107,23 +96,25 @@ def _stones(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> T
     return _standing(patches, figures)
 
 
-def _gaps(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> Terrain:
+def _gaps(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, half = _ends(extent)
     middle, friction = rng.uniform(0.0, 0.35), rng.uniform(0.6, 0.9)
     gap = GAP_M * level
     ends = (middle - 0.5 * gap, middle + 0.5 * gap)
-    spans = ((extent.low_x_m, ends[0]), (ends[1], extent.high_x_m))
-    patches = [_level(low, high, -extent.half_width_m, extent.half_width_m, 0.0, friction) for low, high in spans]
+    spans = ((low_x, ends[0]), (ends[1], high_x))
+    patches = [_level(low, high, -half, half, 0.0, friction) for low, high in spans]
     return _standing(patches, {"gap_m": gap, "middle_m": middle, "friction": friction})
 
 
-def _beams(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> Terrain:
+def _beams(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, _ = _ends(extent)
     offset, friction = rng.uniform(-BEAM_OFFSET_M, BEAM_OFFSET_M), rng.uniform(0.6, 0.9)
     width = BEAM_M[0] + (BEAM_M[1] - BEAM_M[0]) * level
-    patch = _level(extent.low_x_m, extent.high_x_m, offset - 0.5 * width, offset + 0.5 * width, 0.0, friction)
+    patch = _level(low_x, high_x, offset - 0.5 * width, offset + 0.5 * width, 0.0, friction)
     return _standing([patch], {"width_m": width, "offset_m": offset, "friction": friction})
 
 
-def _rubble(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> Terrain:
+def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.4, 0.7)
     heights, leans = rng.standard_normal((STONES, STONES)), rng.uniform(-1.0, 1.0, (STONES, STONES, 2))
     deviation, lean = RUBBLE_M * level, RUBBLE_RAD * level
@@ -143,23 +134,24 @@ def _rubble(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> T
     return _standing(patches, {"deviation_m": deviation, "lean_rad": lean, "friction": friction})
 
 
-def _slopes(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> Terrain:
+def _slopes(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, half = _ends(extent)
     friction, angle = rng.uniform(0.4, 0.8), SLOPE_RAD * level
     rise = float(np.tan(angle))
-    ends = extent.low_x_m, extent.high_x_m, -extent.half_width_m, extent.half_width_m
-    corners = np.array([(x, y, rise * x) for x, y in _around(*ends)])
+    corners = np.array([(x, y, rise * x) for x, y in _around(low_x, high_x, -half, half)])
     return Terrain(
         patches=(surface_patch(corners, friction),), footing=(True,), rise=rise,
         figures={"angle_rad": angle, "friction": friction},
     )  # fmt: skip
 
 
-def _walls(level: float, rng: np.random.Generator, extent: Extent = SCENE) -> Terrain:
+def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, _ = _ends(extent)
     friction, shares = rng.uniform(0.6, 1.0), rng.uniform(0.45, 0.55)
     apart = WALLS_M[0] + (WALLS_M[1] - WALLS_M[0]) * level
     patches = []
     for y, inward in ((shares * apart, -1.0), ((shares - 1.0) * apart, 1.0)):
-        corners = np.array([(x, y, z) for x, z in _around(extent.low_x_m, extent.high_x_m, -0.6, 1.2)])
+        corners = np.array([(x, y, z) for x, z in _around(low_x, high_x, -0.6, 1.2)])
         patches.append(surface_patch(corners, friction, towards_m=corners.mean(axis=0) + np.array([0.0, inward, 0.0])))
     figures = {"apart_m": apart, "middle_m": (shares - 0.5) * apart, "friction": friction}
     return Terrain(patches=tuple(patches), footing=(True, True), rise=None, figures=figures)
@@ -211,7 +203,7 @@ SMOOTH = ("rough", "waves", "ramps")
 """The families of heights."""
 
 
-def family_terrain(family: str, level: float, seed: int, extent: Extent = SCENE) -> Terrain:
+def family_terrain(family: str, level: float, seed: int, extent: Array = SCENE) -> Terrain:
     """The ground of a family's name or FILE.py:NAME, a level in [0, 1] and a seed.
 
     extent: how far patches go; heights go over all of ``WIDE``. Raises InvalidInput.
@@ -280,10 +272,10 @@ def read_draw(name: str, where: str) -> tuple[str, float, int]:
 def terrain_family(name: str) -> Family:
     """The family of a name, or of FILE.py:NAME; a plain function says what its level is in its docstring.
 
-    Raises InvalidInput for a name that nobody has. An old name is taken with an ``OldName``.
+    Raises InvalidInput for a name that nobody has. An old name is taken with a ``DeprecationWarning``.
     """
     if name in OLD:
-        warnings.warn(superseded(name), OldName, stacklevel=2)
+        warnings.warn(superseded(name), DeprecationWarning, stacklevel=2)
     return _family(name)
 
 
@@ -318,7 +310,7 @@ def _goes_on(draw: Draw) -> bool:
         return False
 
 
-def _drawn(family: str, level: float, rng: np.random.Generator, extent: Extent) -> Terrain | Shape:
+def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -> Terrain | Shape:
     """What a family draws. Raises InvalidInput where that is no ground."""
     draw = _family(family).draw
     found = draw(level, rng, extent=extent) if _goes_on(draw) else draw(level, rng)
@@ -343,17 +335,17 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
         return found.laid()
     if not _goes_on(_family(family).draw):
         return rounded(found.patches, name=name)
-    low, high = WIDE.box_m[:, :2]
+    low, high = WIDE[:, :2]
     return rounded(found.patches, low, high, name=name)
 
 
-def _of_shape(shape: Shape, name: str, extent: Extent, rng: np.random.Generator) -> Terrain:
+def _of_shape(shape: Shape, name: str, extent: Array, rng: np.random.Generator) -> Terrain:
     """A ground of heights, seen about where it is no longer level: there its courses begin."""
     from .smooth_families import LEVEL_M, levelled
 
     field, friction = levelled(shape, name), float(rng.uniform(0.6, 0.9))
     begin = np.array([2.0 * LEVEL_M, 0.0, 0.0])
-    return of_heights(field, friction, begin, extent.box_m + begin if extent is SCENE else extent.box_m)
+    return of_heights(field, friction, begin, extent + begin if extent is SCENE else extent)
 
 
 def of_heights(field: HeightField, friction: float, begin_m: Array, box_m: Array) -> Terrain:
@@ -394,13 +386,18 @@ def _level(low_x: float, high_x: float, low_y: float, high_y: float, height: flo
     return surface_patch(np.array([(x, y, height) for x, y in _around(low_x, high_x, low_y, high_y)]), friction)
 
 
-def _riser(x: float, low: float, high: float, friction: float, extent: Extent) -> Patch:
-    corners = np.array([(x, y, z) for y, z in _around(-extent.half_width_m, extent.half_width_m, low, high)])
+def _riser(x: float, low: float, high: float, friction: float, half: float) -> Patch:
+    corners = np.array([(x, y, z) for y, z in _around(-half, half, low, high)])
     return surface_patch(corners, friction, towards_m=corners.mean(axis=0) - np.array([1.0, 0.0, 0.0]))
 
 
-def _outside(low: Array, high: Array, extent: Extent) -> bool:
-    (x0, y0, _), (x1, y1, _) = extent.box_m
+def _ends(extent: Array) -> tuple[float, float, float]:
+    """From where to where along x, and how far to each side [m]."""
+    return float(extent[0, 0]), float(extent[1, 0]), float(extent[1, 1])
+
+
+def _outside(low: Array, high: Array, extent: Array) -> bool:
+    (x0, y0, _), (x1, y1, _) = extent
     return bool(np.any(high < (x0, y0)) or np.any(low > (x1, y1)))
 
 
@@ -417,5 +414,6 @@ if not TYPE_CHECKING:  # checkers read what is there today
         """``Terrain`` under the name that plug-ins had for it. Raises AttributeError for any other name."""
         if name != "FamilyTerrain":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        warnings.warn(f"{__name__}.FamilyTerrain is old: planners.terrain.terrain.Terrain", OldName, stacklevel=2)
+        said = f"{__name__}.FamilyTerrain is old: planners.terrain.terrain.Terrain"
+        warnings.warn(said, DeprecationWarning, stacklevel=2)
         return Terrain

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InvalidInput, OldName
+from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
 from ..plugins import Registry, split_name, takes
 from .elevation import ElevationMap
@@ -151,7 +151,7 @@ def reference_terrain(name: str) -> HeightField:
     if isinstance(found, HeightField):
         return found
     return HeightField.from_function(
-        found.shape, WIDE.half_width_m, found.spacing_m, name=name, tolerance_m=REFERENCE_TOLERANCE_M
+        found.shape, float(WIDE[1, 0]), found.spacing_m, name=name, tolerance_m=REFERENCE_TOLERANCE_M
     )
 
 
@@ -200,7 +200,7 @@ def named_ground(name: str) -> Terrain:
     """A ground by its name, with the patches about the place where courses over it begin. Raises InvalidInput."""
     if drawn_name(name):
         return family_terrain(*read_draw(name, "terrain"))
-    return of_heights(named_terrain(name), FRICTION, np.zeros(3), SCENE.box_m)
+    return of_heights(named_terrain(name), FRICTION, np.zeros(3), SCENE)
 
 
 def named_surface(name: str) -> TriangleMesh | ElevationMap:
@@ -218,5 +218,5 @@ if not TYPE_CHECKING:  # checkers read what is there today
         """``Formula`` under the name that plug-ins had for it. Raises AttributeError for any other name."""
         if name != "Terrain":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        warnings.warn(f"{__name__}.Terrain is old: {__name__}.Formula", OldName, stacklevel=2)
+        warnings.warn(f"{__name__}.Terrain is old: {__name__}.Formula", DeprecationWarning, stacklevel=2)
         return Formula

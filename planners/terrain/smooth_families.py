@@ -12,7 +12,7 @@ from ..files.arrays import Array
 from .families import WIDE, Family, Shape
 from .heightfield import HeightField
 
-HALF_WIDTH_M = WIDE.half_width_m
+HALF_WIDTH_M = float(WIDE[1, 0])
 LEVEL_M = 0.6
 """Smooth terrains are level within this distance of the origin, so that a robot can stand there [m]."""
 

@@ -11,7 +11,6 @@ import pytest
 
 from stancekit.cli.main import main
 from stancekit.envs.curriculum import Curriculum
-from stancekit.planners.errors import OldName
 from stancekit.planners.formats.trajectory_file import check_file
 from stancekit.planners.plugins import Registry
 from stancekit.planners.terrain import families, reference
@@ -119,16 +118,16 @@ def test_the_old_group_of_plug_ins_is_read_for_a_release(tmp_path, monkeypatch):
     table = Registry("family", "stancekit.families", {}, old_groups=("stancekit.height_families",))
     assert table.names() == ("far-rolling",)
     said = "entry point far-rolling of stancekit.height_families: stancekit.families is the group of these now"
-    with pytest.warns(OldName, match=said):
+    with pytest.warns(DeprecationWarning, match=said):
         table.get("far-rolling")
-    with pytest.warns(OldName, match=said):
+    with pytest.warns(DeprecationWarning, match=said):
         assert family_terrain("far-rolling", 0.5, 1).heights is not None
 
 
 def test_plug_ins_find_the_types_under_their_old_names():
-    with pytest.warns(OldName, match="FamilyTerrain is old"):
+    with pytest.warns(DeprecationWarning, match="FamilyTerrain is old"):
         assert families.FamilyTerrain is Terrain
-    with pytest.warns(OldName, match="Terrain is old"):
+    with pytest.warns(DeprecationWarning, match="Terrain is old"):
         assert reference.Terrain is reference.Formula
     for module in (families, reference):
         with pytest.raises(AttributeError, match="has no attribute 'Nothing'"):

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 from stancekit.envs.distributions.walks import SampledTasks
 from stancekit.envs.warped_gait import HEIGHTS, NOISES, PATCH, PATCH_M, GaitRewardWeights, WarpedGaitEnv, observe
-from stancekit.planners.errors import InvalidInput, OldName, PlanningFailed
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
@@ -251,7 +251,7 @@ def test_walks_are_drawn_over_any_family_that_has_ground():
     assert np.abs(observation["heights"]).max() > 0.05
     with pytest.raises(InvalidInput, match=r"^terrain: expected a family of ground to walk on, got walls, all up"):
         WarpedGaitEnv("walls")
-    with pytest.warns(OldName, match=r"^stones-spline is what walks had as stones, for one more release: "):
+    with pytest.warns(DeprecationWarning, match=r"^stones-spline is what walks had as stones, for one more release: "):
         SampledTasks(terrain="stones-spline")
 
 

@@ -36,7 +36,7 @@ FAMILIES = TERRAIN_FAMILIES.names()
 
 def lines(spacing):
     """Grid lines over a scene, along x and y [m]."""
-    return [np.arange(a, b + 1e-9, spacing) for a, b in SCENE.box_m.T[:2]]
+    return [np.arange(a, b + 1e-9, spacing) for a, b in SCENE.T[:2]]
 
 
 @pytest.fixture(scope="module")
