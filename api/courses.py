@@ -108,7 +108,7 @@ def plan(
     Example:
         >>> import stancekit
         >>> outcome = stancekit.plan("stairs", stancekit.TwoStage(reserve=False), frames=4)
-        >>> outcome.status.value, outcome.plan.com_m.shape
+        >>> outcome.status.value, outcome.solution.com_m.shape
         ('feasible', (4, 3))
     """
     deadline = time.perf_counter() + checked_number(time_limit_s, "time_limit_s", least=0.0)

@@ -123,12 +123,12 @@ def export_scenes(
     """
     from stancekit.learners.data import scene_set
     from stancekit.planners.plugins import split_name
-    from stancekit.planners.problem.family_scene import family_name
     from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+    from stancekit.planners.terrain.families import drawn_name
 
     name, numbers = split_name(family)
     try:
-        level = float(":".join(numbers)) if family_name(family) else None
+        level = float(":".join(numbers)) if drawn_name(family) else None
     except ValueError:
         level = None
     if level is None:

@@ -25,11 +25,11 @@ from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course
 from stancekit.planners.problem.course_json import course_to_json
-from stancekit.planners.problem.family_scene import family_name
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot.walker import named_walker
+from stancekit.planners.terrain.families import drawn_name
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 
@@ -138,7 +138,7 @@ def save(
 def _read(path: Path) -> Any:
     if _is_folder(path):
         return Dataset.open(path)
-    if (str(path) in (*builtin_courses(), *builtin_scenes()) or family_name(str(path))) and not path.exists():
+    if (str(path) in (*builtin_courses(), *builtin_scenes()) or drawn_name(str(path))) and not path.exists():
         return read_course(path)
     if path.suffix == ".safetensors":
         return load_selector(path)

@@ -65,7 +65,7 @@ def simulate(
     Example:
         >>> import stancekit
         >>> outcome = stancekit.plan("walls", frames=2)
-        >>> stancekit.simulate(outcome.plan).succeeded  # doctest: +SKIP
+        >>> stancekit.simulate(outcome.solution).succeeded  # doctest: +SKIP
         True
     """
     accepted = accepted_of(motion)

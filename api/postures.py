@@ -59,7 +59,7 @@ def solve(
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
         >>> outcome = stancekit.solve(problem, stancekit.TwoStage(projection="fix-p"))
-        >>> outcome.status.value, outcome.posture.toes_m.shape
+        >>> outcome.status.value, outcome.solution.toes_m.shape
         ('feasible', (3, 3))
     """
     beside = ("problem", "method", "time_limit_s", "engine")

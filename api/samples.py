@@ -41,7 +41,7 @@ def sample(
         count: how many, 1 or more.
         robot: whose limbs they are: a ``Robot``, a name, a .urdf file, or a .yaml file that names one; with a name of
             a distribution only.
-        terrain: a mesh or a grid; with "terrain-k".
+        terrain: a mesh or a grid, or a ground by its name as "stairs:0.5:7"; with "terrain-k".
         rng: a generator, or a seed; equal seeds give equal problems.
     Returns:
         ``count`` independent problems.

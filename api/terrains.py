@@ -7,10 +7,12 @@ from pathlib import Path
 from stancekit.planners.arguments import checked, settings_from
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.model import Robot
+from stancekit.planners.terrain.families import TERRAIN_FAMILIES
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
-from stancekit.planners.terrain.reference import named_terrain
+from stancekit.planners.terrain.reference import named_ground, named_surface, named_terrain, names_ground
+from stancekit.planners.terrain.terrain import Terrain
 
 
 @checked
@@ -25,8 +27,8 @@ def terrain(
     """Find the footholds of a terrain: planar convex pieces, each with how certain it is, and what was refused and why.
 
     Arguments:
-        source: a mesh, a grid of heights or a point cloud in a file; a height field; or the name of a reference or a
-            random terrain, as ``walk`` has them.
+        source: a mesh, a grid of heights or a point cloud in a file; a height field; the name of a reference terrain
+            ("ripple", "hill", ...); a family's ground as "stairs:0.5:7" (family, level, seed); or "FILE.py:NAME".
         friction: Coulomb coefficient of its surfaces.
         robot: whose foot is the margin and the least width of a foothold, where ``limits`` are not given.
         limits: what counts as a foothold.
@@ -53,11 +55,11 @@ def terrain(
         limits = FootholdLimits() if robot is None else FootholdLimits.for_foot(_radius_m(robot_of(robot)))
     if not isinstance(source, HeightField) and Path(source).exists() and ".py" not in str(source):
         return read_footholds(source, options, limits, friction)
-    field = source if isinstance(source, HeightField) else named_terrain(str(source))
+    surface = ElevationMap.of_field(source) if isinstance(source, HeightField) else named_surface(str(source))
     if further := [name for name, value in meaning.items() if value != getattr(ImportOptions, name)]:
-        what = field.name or "a height field"
+        what = surface.name or "a height field"
         raise InvalidInput(f"{further[0]}: expected none with {what}, which is read from no file")
-    return footholds_of(ElevationMap.of_field(field), limits, friction)
+    return footholds_of(surface, limits, friction)
 
 
 @checked
@@ -66,7 +68,8 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
 
     Arguments:
         source: a grid of heights, a mesh or a point cloud in a file; the name of a reference terrain ("ripple", "cone",
-            "hill", "pit", ...), a random one as "rough:0.5:7", or a function of x and y as "FILE.py:NAME".
+            "hill", "pit", ...), a family's ground as "stairs:0.5:7" (family, level, seed), or a function of x and y as
+            "FILE.py:NAME".
         smooth_m: deviation of a Gaussian that smooths the heights of a file [m].
         meaning: what the numbers of a file mean, as for ``terrain``.
     Returns:
@@ -81,6 +84,31 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
         ((-4.0, 4.0), (-4.0, 4.0))
     """
     return named_terrain(str(source), settings_from(ImportOptions, meaning, beside=("source", "smooth_m")), smooth_m)
+
+
+@checked
+def ground(name: str) -> Terrain:
+    """Make a ground by its name: the same one for plans, walks, footholds, samples and environments.
+
+    Arguments:
+        name: a family's ground as "stairs:0.5:7" (family, level in [0, 1], seed), a reference terrain ("ripple",
+            "hill", ...), or "FILE.py:NAME", with a level and a seed where it is a family.
+    Returns:
+        The ``Terrain``: ``patches`` about the place ``begin_m`` where courses over it begin, and ``heights``, to
+        ``walk`` over, whose edges are rounded; None where all surfaces are upright.
+    Raises:
+        InvalidInput: for an unknown name, a level outside [0, 1], and what is no seed.
+    Source:
+        None: docs/terrain.md has the table.
+    Example:
+        >>> from stancekit.terrains import ground
+        >>> stairs = ground("stairs:0.5:7")
+        >>> len(stairs.patches), stairs.figures["riser_m"], stairs.heights.domain_m
+        (13, 0.25, ((-4.0, 4.0), (-4.0, 4.0)))
+    """
+    if not names_ground(name):
+        raise TERRAIN_FAMILIES.unknown(name)
+    return named_ground(name)
 
 
 def _radius_m(robot: Robot) -> float:

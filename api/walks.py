@@ -25,6 +25,7 @@ from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.robot.walker import walker_from
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import named_terrain
+from stancekit.planners.terrain.terrain import Terrain
 
 from .upgrading import old_arguments
 
@@ -58,7 +59,7 @@ NOW = {"heading_rad": "start_yaw_rad", "heading_end_rad": "end_yaw_rad", "total_
 
 @checked
 def walk(
-    terrain: HeightField | str | Path,
+    terrain: Terrain | HeightField | str | Path,
     goal_xy_m: Array | Sequence[float],
     *,
     start_xy_m: Array | Sequence[float] = (0.0, 0.0),
@@ -72,8 +73,8 @@ def walk(
     """Find a walk over a terrain: the motion of the torso, footholds and contact forces.
 
     Arguments:
-        terrain: a ``HeightField``, a name ("ripple", "cone", "hill", "pit", ...), a random one as "rough:0.5:7"
-            (family, difficulty, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
+        terrain: a ``HeightField``, a ``Terrain``, a name ("ripple", "cone", "hill", "pit", ...), a family's ground as
+            "rough:0.5:7" (family, level, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
         robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a walker's numbers, a
             ``Robot`` with legs of its own, or what ``load`` gives of such a file.
@@ -130,7 +131,7 @@ def walk(
 
 
 def asked_of(
-    terrain: HeightField | str | Path,
+    terrain: Terrain | HeightField | str | Path,
     goal_xy_m: Array | Sequence[float],
     *,
     start_xy_m: Array | Sequence[float],
@@ -163,7 +164,7 @@ def asked_of(
         raise InvalidInput(f"adhesive: expected {wanted}, got {', '.join(map(str, strange))}")
     asked = GaitTask(
         robot=body,
-        terrain=named_terrain(str(terrain)) if isinstance(terrain, str | Path) else terrain,
+        terrain=_heights(terrain),
         start_xy_m=read_only(start_xy_m, (2,), "start_xy_m"),
         goal_xy_m=read_only(goal_xy_m, (2,), "goal_xy_m"),
         adhesive=tuple(name in adhesive for name in body.foot_names),
@@ -180,6 +181,17 @@ def asked_of(
     each = default_attempts(asked) if several else [Attempt(chart=chart)]
     attempts = [one.perturbed(seed + k) if k else one for one in each for k in range(seeds)]
     return asked, GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most), caps, attempts
+
+
+def _heights(terrain: Terrain | HeightField | str | Path) -> HeightField:
+    """The heights to walk over. Raises InvalidInput."""
+    if isinstance(terrain, str | Path):
+        return named_terrain(str(terrain))
+    if isinstance(terrain, HeightField):
+        return terrain
+    if terrain.heights is None:
+        raise InvalidInput("terrain: expected ground to walk on, got surfaces that are all upright")
+    return terrain.heights
 
 
 def walked(

@@ -23,7 +23,7 @@ from stancekit.learners.data.scene_set import judged
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.terrain.families import TERRAIN_FAMILIES
+from stancekit.planners.terrain.families import SCENES
 from stancekit.views.difficulty import difficulty_curves
 from stancekit.views.sheet import save
 
@@ -34,7 +34,7 @@ BATCH = 50
 class FamilyOptions(Options):
     """Which scenes, and for how long."""
 
-    families: tuple[str, ...] = TERRAIN_FAMILIES.names()
+    families: tuple[str, ...] = SCENES
     levels: tuple[float, ...] = tuple(round(0.1 * k, 1) for k in range(11))
     count: int = 200
     most: int = 600

@@ -146,8 +146,8 @@ def measured(planner: Any, course: Course) -> dict[str, Any]:
     outcome = planner.solve(course)
     return {
         "status": outcome.status.value, "claim": outcome.claim, "message": outcome.message,
-        "seconds": outcome.seconds, "solver_seconds": outcome.solver_seconds, "solves": outcome.solves,
-        "wall_s": time.perf_counter() - begin, "compile_s": outcome.compile_s, **outcome.details,
+        "seconds": outcome.effort.seconds, "solver_seconds": outcome.effort.solver_s, "solves": outcome.effort.solves,
+        "wall_s": time.perf_counter() - begin, "compile_s": outcome.effort.compile_s, **outcome.details,
     }  # fmt: skip
 
 

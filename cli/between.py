@@ -30,10 +30,10 @@ class Between:
     """From where to where."""
 
     start: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
-    """Of a terrain's file: where the robot begins [m]. Frames, gait and candidates are laid out from there to the goal,
-    the robot facing along x."""
+    """On a terrain's file or name: where the robot begins [m]. Frames, gait and candidates are laid out from there to
+    the goal, the robot facing along x."""
     goal: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
-    """Of a terrain's file: where its centre of mass is to end [m]."""
+    """On a terrain's file or name: where its centre of mass is to end [m]."""
     friction: OptionalFloat = None
     """Friction coefficient of a terrain's file; 0.8 unless given. A course has its own, in its file."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
@@ -57,7 +57,11 @@ class Between:
         if self.start is None or self.goal is None:
             raise InvalidInput("--start: expected --start X,Y and --goal X,Y together, got one of them")
         if suffix not in SUFFIXES:
-            raise InvalidInput(f"--start: expected a terrain's file with it, {', '.join(SUFFIXES)}, got {name}")
+            from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
+
+            if not names_ground(name):
+                known = f"{', '.join(SUFFIXES)}, or a ground by its name"
+                raise InvalidInput(f"--start: expected a terrain's file with it, {known}, got {name}")
         return self.found(name, robot)
 
     def asked(self, frames: int | None, robot: str | None, reach: Path | None) -> dict[str, Any]:

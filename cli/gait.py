@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 class Gait:
     """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
 
-    TERRAIN is a reference terrain (ripple, cone, hill, pit, pit-84, pit-87), a random one as rough:0.5:7
-    (FAMILY:DIFFICULTY:SEED), a function of x and y as FILE.py:NAME, or a file of heights or of a mesh. A place is
-    written x,y in metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
+    TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, stairs:0.1:7, rough:0.5:7, …; between
+    walls nobody walks), a function of x and y as FILE.py:NAME, or a file of heights or of a mesh. A place is written
+    x,y in metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
 
       stancekit gait cone --start=-2,0 --goal 2,0 --out gait.json --picture gait.png
       stancekit gait heights.npy --spacing-m 0.05 --holes fill --goal 1,0 --robot go1.urdf --out go1.json
@@ -42,7 +42,7 @@ class Gait:
     """
 
     terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
-    """Name, FAMILY:DIFFICULTY:SEED, FILE.py:NAME, or file of heights or of a mesh."""
+    """Name, FAMILY:LEVEL:SEED, FILE.py:NAME, or file of heights or of a mesh."""
     goal: Annotated[str, tyro.conf.arg(metavar="X,Y")]
     """Where the torso has to end."""
     start: Annotated[str, tyro.conf.arg(metavar="X,Y")] = "0,0"

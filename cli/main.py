@@ -220,10 +220,24 @@ def run(verb: Verb) -> int:
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    """Keep what libraries warn of away from standard error, which is for one line, unless the trace is wanted."""
+    """Keep what libraries warn of away from standard error, which is for one line, unless the trace is wanted.
+
+    A name of an earlier version is worth a line of its own.
+    """
+    from .console import complain
+
+    told = set[str]()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if str(message) not in told:
+            told.add(str(message))
+            complain(f"stancekit: warning: {message}")
+
     with warnings.catch_warnings():
         if not os.environ.get(TRACE):
             warnings.simplefilter("ignore")
+            warnings.filterwarnings("always", category=DeprecationWarning, module="stancekit")
+            warnings.showwarning = show
         yield
 
 

@@ -45,10 +45,11 @@ SETTINGS = (
 class PlanCourse:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries.
 
-    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a published scene (anymal-stairs,
-    talos-ramp, …), a YAML or JSON file of your own, or with --start and --goal a terrain's file, as `stancekit terrain`
-    has them; a file of one posture problem is a course of one frame. A file with phases, or with a distribution, is a
-    leap: its planners are finder, farkas, rule, noise and random.
+    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a family's ground as stairs:0.5:7
+    (FAMILY:LEVEL:SEED), a published scene (anymal-stairs, talos-ramp, …), a YAML or JSON file of your own, or with
+    --start and --goal a terrain's file or name, as `stancekit terrain` has them; a file of one posture problem is a
+    course of one frame. A file with phases, or with a distribution, is a leap: its planners are finder, farkas, rule,
+    noise and random.
 
       stancekit plan walls --frames 8 --out climb.json --picture climb.png
       stancekit plan icy-walls --html climb.html
@@ -65,7 +66,7 @@ class PlanCourse:
     """
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
-    """Built-in name, YAML or JSON file, or a terrain's file."""
+    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, or a terrain's file or name."""
     planner: Annotated[str, named("stancekit.planners.search.methods:COURSE_PLANNERS")] = "two-stage"
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
     piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice. One of

@@ -87,14 +87,13 @@ class Play:
         return 0
 
     def _is_walk(self) -> bool:
-        """Whether it is the name of a terrain to walk over and none of a course."""
-        from stancekit.planners.plugins import split_name
-        from stancekit.planners.problem.family_scene import family_name
-        from stancekit.planners.terrain.reference import FAMILIES, TERRAINS
+        """Whether it is the name of a terrain of heights, to walk over."""
+        from stancekit.planners.terrain.families import drawn_name, drawn_surface, read_draw
+        from stancekit.planners.terrain.reference import TERRAINS
 
-        family, numbers = split_name(self.course)
-        drawn = bool(numbers) and family in FAMILIES.names() and not family_name(self.course)
-        return drawn or self.course in TERRAINS.names()
+        if not drawn_name(self.course):
+            return self.course in TERRAINS.names()
+        return not Path(self.course).exists() and drawn_surface(*read_draw(self.course, "course")) is None
 
     def _walk(self, robot: str) -> WalkScenario:
         """What a page of walks begins with. Raises InvalidInput."""

@@ -35,7 +35,7 @@ class Sample:
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the default hexapod."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
-    """Mesh or grid that the scenes of terrain-k are cut from."""
+    """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as stairs:0.5:7."""
     count: int = 1
     """How many problems."""
     seed: int = 0

@@ -22,7 +22,22 @@ class ShowTerrain:
     """Show the footholds of a terrain: planar convex pieces, what was refused and why, and how certain each is.
 
     TERRAIN is a mesh (.stl, .obj, .ply, .dae, .off, .glb; broken ones, too), a grid of heights (.npy, .npz, .csv,
-    .png), a point cloud (.ply, .pcd, .xyz, .npy, .csv), or a reference or random terrain as `stancekit gait` has them.
+    .png), a point cloud (.ply, .pcd, .xyz, .npy, .csv), a function of x and y as FILE.py:NAME, or a ground by its name:
+    ripple, cone, hill, pit, pit-84 or pit-87, or FAMILY:LEVEL:SEED with a level from 0 to 1, as stairs:0.5:7.
+
+      stairs  height of a riser: 0.5 · level m
+      stones  clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m
+      gaps    width of a gap across the way: 1.0 · level m
+      beams   width of a beam along the way: 1.2 − 1.16 · level m
+      rubble  deviation of blocks' heights: 0.6 · level m; leans to 0.8 · level
+      slopes  angle of a plane that is climbed: 0.8 · level rad
+      walls   distance of two walls: 0.56 + 0.5 · level m
+      rough   deviation of noise of 0.5 m wavelength: 0.08 · level m
+      waves   steepness of five wave trains: up to tan(25°) · level each
+      ramps   slope of three planes: up to tan(35°) · level
+
+    A name is the same ground for plan, gait, warp, play, sample and environments: as patches, and as heights whose
+    edges are rounded.
 
       stancekit terrain stairs.stl --unit-m 0.001 --picture footholds.png
       stancekit terrain scan.pcd --spacing-m 0.02 --noise-m 0.01 --robot go1.urdf --json
@@ -32,7 +47,7 @@ class ShowTerrain:
     """
 
     terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
-    """File, name, FAMILY:DIFFICULTY:SEED, or FILE.py:NAME."""
+    """File, name, FAMILY:LEVEL:SEED, or FILE.py:NAME."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
     """Whose foot is the margin and the least width: a built-in name, a .urdf file, or a .yaml file that names one."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
@@ -82,8 +97,7 @@ class ShowTerrain:
 
         limits = self.footholds.limits(self.robot)
         with in_options():
-            source = self.terrain if self._is_file else self.file.read(self.terrain)
-            return terrain(source, friction=1.0, limits=limits, **vars(self.file.options()))
+            return terrain(self.terrain, friction=1.0, limits=limits, **vars(self.file.options()))
 
 
 def _table(found: Footholds) -> Table:

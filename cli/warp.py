@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 class Warp:
     """Make the map that flattens a terrain, and measure it.
 
-    TERRAIN is ripple, cone, hill, pit, pit-84 or pit-87; FAMILY:DIFFICULTY:SEED with rough, stairs, stones, waves or
-    ramps, as in rough:0.5:7; a function of x and y as FILE.py:NAME; or a file: .npy, .csv, .png, .npz, or a mesh (.stl,
-    .obj, .ply, .off, .glb).
+    TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, rough:0.5:7, …); a function of x and y as
+    FILE.py:NAME; or a file: .npy, .csv, .png, .npz, or a mesh (.stl, .obj, .ply, .off, .glb).
 
     least_det is min det J on lines three times as dense as the quadrature: above 0 the map folds nowhere. match: how
     far the map's ground is from the terrain. Conformal error: 1 − σ_min/σ_max of J.
@@ -33,7 +32,7 @@ class Warp:
     """
 
     terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
-    """A reference terrain, a random one by FAMILY:DIFFICULTY:SEED, FILE.py:NAME, or a file."""
+    """Name, FAMILY:LEVEL:SEED, FILE.py:NAME, or a file."""
     cells: Annotated[str, tyro.conf.arg(metavar="X,Y,Z")] = "24,24,6"
     """Cells of the tri-cubic grid along each axis."""
     height_m: float = 2.3

@@ -16,7 +16,7 @@ from stancekit.planners.problem.course_keys import MOST_EVERYWHERE
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.family_scene import family_keys
 from stancekit.planners.search.course_features import Features
-from stancekit.planners.terrain.families import TERRAIN_FAMILIES, terrain_family
+from stancekit.planners.terrain.families import SCENES, TERRAIN_FAMILIES, terrain_family
 
 from .traverse import TraverseEnv
 
@@ -37,7 +37,8 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
     episode that did.
 
     Arguments:
-        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME; an episode draws one.
+        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME, those of polygons unless given; an
+            episode draws one.
         target: share of success at which a level stays, in (0, 1).
         step: of a level, in (0, 1].
         level: at the beginning.
@@ -55,7 +56,7 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
 
     def __init__(
         self,
-        families: Sequence[str] = TERRAIN_FAMILIES.names(),
+        families: Sequence[str] = SCENES,
         *,
         target: float = 0.7,
         step: float = 0.1,

@@ -162,7 +162,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     | argument | default | meaning |
     |---|---|---|
-    | terrain | 'mixed' | a family, "mixed" for all of them, a terrain of `TERRAINS`, or "FILE.py:NAME" |
+    | terrain | 'mixed' | a family, "any" of them, "mixed" smooth ones, a name of `TERRAINS`, or "FILE.py:NAME" |
     | robot | None | a built-in name, a URDF, a YAML file, or a ``GaitRobot``; ANYmal where None |
     | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` and ``robot`` |
     | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |

@@ -19,6 +19,7 @@ import io
 import os
 import pickle
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
@@ -46,7 +47,8 @@ class Registry(Generic[T]):
 
     kind: what messages call one, e.g. "world". group: of the entry points of other packages, e.g. "stancekit.worlds".
     table: those of this package, name → the thing, or "module:attribute". expected, accepts: what a thing must be, in
-    words and as a test of what was found; what fails it is refused. further: what else names one, in words.
+    words and as a test of what was found; what fails it is refused. further: what else names one, in words. old_groups:
+    of entry points that count as those of the group for one more release.
 
     >>> worlds = Registry("world", "stancekit.worlds", {"mujoco": "stancekit.runner.worlds.mujoco:MujocoWorld"})
     >>> worlds.names()
@@ -64,10 +66,11 @@ class Registry(Generic[T]):
         expected: str = "something to call",
         accepts: Callable[[Any], bool] = callable,
         further: tuple[str, ...] = (),
+        old_groups: tuple[str, ...] = (),
     ) -> None:
         self.kind, self.group, self.expected = kind, group, expected
         self._accepts = accepts
-        self._further = further
+        self._further, self._old_groups = further, old_groups
         self._things: dict[str, str | T] = dict(table)
         self._right: dict[str, T] = {}
 
@@ -111,6 +114,9 @@ class Registry(Generic[T]):
             raise InvalidInput(f"{self.kind}: expected FILE.py:NAME, got no name after {name}")
         for point in self._points():
             if point.name == name:
+                if point.group in self._old_groups:
+                    said = f"entry point {name} of {point.group}: {self.group} is the group of these now"
+                    warnings.warn(said, DeprecationWarning, stacklevel=3)
                 where = f"{self.kind} {name} of {point.value}"
                 return _attribute(_imported(point.module, where), point.attr, where)
         raise self.unknown(name)
@@ -121,7 +127,7 @@ class Registry(Generic[T]):
         return InvalidInput(f"{self.kind}: expected one of {known}, or FILE.py:NAME, got {shown(name)}")
 
     def _points(self) -> Iterable[EntryPoint]:
-        return entry_points(group=self.group)
+        return [point for group in (self.group, *self._old_groups) for point in entry_points(group=group)]
 
 
 def split_name(name: str) -> tuple[str, list[str]]:

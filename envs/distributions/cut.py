@@ -30,6 +30,7 @@ from stancekit.planners.terrain.footholds import FootholdLimits
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.mesh_file import MOST_BYTES
 from stancekit.planners.terrain.polygon import STEEP, half_planes
+from stancekit.planners.terrain.reference import named_surface, names_ground
 from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
@@ -58,19 +59,19 @@ class Places:
 
     @classmethod
     def of(cls, path: str | Path, least_m: float) -> Places:
-        """Those of a terrain's file with room for a circle of this radius.
+        """Those of a terrain's file or name with room for a circle of this radius.
 
         Raises InvalidInput for a file that is no terrain, and for one without any such place.
         """
-        spacing = SPACING * least_m
-        terrain = read_terrain(path)
+        spacing, named = SPACING * least_m, names_ground(str(path))
+        terrain = named_surface(str(path)) if named else read_terrain(path)
         if isinstance(terrain, TriangleMesh):
             terrain.check_size(1.0)
             limits = FootholdLimits(slope_rad=float(np.arccos(STEEP)), margin_m=0.0, width_m=2.0 * least_m)
             pieces = footholds_of(terrain, limits, friction=0.0).pieces
             parts = [_of_patch(piece.patch, least_m, spacing) for piece in pieces]
         else:
-            parts = [_of_grid(read_heights(path), least_m, spacing)]
+            parts = [_of_grid(terrain.field() if named else read_heights(path), least_m, spacing)]
         found = [np.concatenate(part) for part in zip(*parts, strict=True)] if parts else [np.zeros(0)]
         if not len(found[0]):
             raise InvalidInput(
@@ -118,9 +119,17 @@ def _lattice(low: Array, high: Array, spacing_m: float) -> Array:
 
 
 def identity_of(path: str | Path) -> str:
-    """A terrain's name and the beginning of its file's digest. Raises InvalidInput for a file that cannot be read."""
-    digest = hashlib.sha256(read_bytes(path, MOST_BYTES)).hexdigest()
-    return f"{Path(path).stem}-{digest[:IDENTITY_DIGITS]}"
+    """A terrain's name and the beginning of its file's digest; a ground's name with dashes, which says all of it.
+
+    Raises InvalidInput for a file that cannot be read.
+    """
+    name = str(path)
+    file, own, rest = name.partition(".py:")
+    if names_ground(name) and not own:
+        return name.replace(":", "-")
+    digest = hashlib.sha256(read_bytes(f"{file}.py" if own else path, MOST_BYTES)).hexdigest()
+    said = f"{Path(file).stem}-{rest.replace(':', '-')}" if own else Path(path).stem
+    return f"{said}-{digest[:IDENTITY_DIGITS]}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,7 +208,7 @@ class CutDistribution:
 def cut(
     path: str | Path, name: str, robot: Robot, legs: Sequence[str], stance: Stance, friction: tuple[float, float]
 ) -> CutDistribution:
-    """Scenes of a terrain's file. Raises InvalidInput for one that is none, or has no footholds."""
+    """Scenes of a terrain's file or name. Raises InvalidInput for one that is none, or has no footholds."""
     places = Places.of(path, SMALLER * stance.circumradius_m[0])
     return CutDistribution(
         name=f"{name}-on-{identity_of(path)}", legs=tuple(legs), friction=friction, robot=robot, stance=stance,

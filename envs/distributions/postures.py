@@ -183,7 +183,7 @@ class OwnDistribution:
 
 
 class _Yaml(BaseModel):
-    """A distribution's file. terrain: ground, wall, or a terrain's file; it and robot are paths from the folder."""
+    """A distribution's file. terrain: ground, wall, or a terrain's file or name; files are paths from the folder."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
     terrain: str
@@ -200,7 +200,8 @@ def distribution(
     Names of classes are ``ground-k``, ``wall-k`` and ``terrain-k``, k legs of the robot; the last one's scenes are cut
     from a terrain's file. robot: a built-in name, a ``.urdf`` or a ``.yaml`` file, or a ``Robot``; the default hexapod
     where None.
-    terrain: a mesh or a grid. What is drawn is named after the class, the robot and the terrain, by name and digest.
+    terrain: a mesh or a grid, or a ground by its name. What is drawn is named after the class, the robot and the
+    terrain, by name and digest.
     Raises InvalidInput that lists the names there are, and for a robot with fewer legs, a leg without an inside, a
     terrain without footholds.
     """
@@ -267,6 +268,12 @@ def composed(
     )  # fmt: skip
 
 
+def _names_ground(name: str) -> bool:
+    from stancekit.planners.terrain.reference import names_ground  # slow to import
+
+    return names_ground(name)
+
+
 def _from_yaml(
     path: str, robot: Robot | str | None, terrain: str | Path | None
 ) -> PostureDistribution | CutDistribution:
@@ -279,9 +286,11 @@ def _from_yaml(
         if robot is None and raw.robot is not None:
             robot = str(folder / raw.robot) if Path(raw.robot).suffix else raw.robot
         law: Law = raw.terrain if raw.terrain in ("ground", "wall") else "terrain"  # type: ignore[assignment]
-        if law == "terrain" and not Path(raw.terrain).suffix:
-            raise InvalidInput(f"terrain: expected ground, wall, or a terrain's file, got {raw.terrain!r}")
-        file = terrain if terrain is not None or law != "terrain" else folder / raw.terrain
+        own = ".py" in raw.terrain  # reading a distribution runs nothing
+        named = law == "terrain" and not own and _names_ground(raw.terrain)
+        if own or (law == "terrain" and not named and not Path(raw.terrain).suffix):
+            raise InvalidInput(f"terrain: expected ground, wall, or a terrain's file or name, got {raw.terrain!r}")
+        file = terrain if terrain is not None or law != "terrain" else raw.terrain if named else folder / raw.terrain
         standing = Standing.of(robot)
         standing.robot.select(raw.legs)
         return composed(path, law, standing, raw.legs, raw.friction, file)

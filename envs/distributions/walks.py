@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import entry_points
 
 import numpy as np
 
+from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.task import GaitTask
 from stancekit.planners.robot.single_body import GaitRobot, anymal
-from stancekit.planners.terrain.reference import (
-    FAMILIES,
-    TERRAINS,
-    TerrainTask,
-    random_terrain,
-    reference_tasks,
-    reference_terrain,
+from stancekit.planners.terrain.families import (
+    MIXED,
+    OLD,
+    SMOOTH,
+    TERRAIN_FAMILIES,
+    random_heights,
+    terrain_family,
 )
+from stancekit.planners.terrain.reference import TERRAINS, TerrainTask, reference_tasks, reference_terrain
 
 DRAWS = 100
 Tasks = Callable[[np.random.Generator], GaitTask]
@@ -28,9 +31,10 @@ Tasks = Callable[[np.random.Generator], GaitTask]
 class SampledTasks:
     """Walks over drawn terrains, or the paper's tasks on one of its own.
 
-    terrain: a family, ``mixed`` for all of them in turn at random, or a terrain of ``TERRAINS`` or ``FILE.py:NAME``,
-    with the walks that it is known for, else drawn ones. difficulty: of families,
-    uniform between the two. distance_m: from start to goal, uniform; robot: ANYmal where there is none.
+    terrain: a family of ground, ``any`` for all of them at random, ``mixed`` for the smooth ones of the first version
+    (``MIXED``), or a terrain of ``TERRAINS`` or ``FILE.py:NAME``, with the walks that it is known for, else drawn ones.
+    difficulty: the families' level, uniform between the two. distance_m: from start to goal, uniform; robot: ANYmal
+    where there is none.
     """
 
     terrain: str = "mixed"
@@ -40,24 +44,30 @@ class SampledTasks:
     robot: GaitRobot = field(default_factory=anymal)
 
     def __post_init__(self) -> None:
-        known = ("mixed", *FAMILIES.names(), *TERRAINS.names())
-        if self.terrain not in known and ".py:" not in self.terrain:
+        known = tuple(dict.fromkeys(("mixed", *SMOOTH, "any", *TERRAIN_FAMILIES.names(), *TERRAINS.names())))
+        if self.terrain not in (*known, *OLD) and ".py:" not in self.terrain:
             raise InvalidInput(f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got {self.terrain!r}")
-        if not self._drawn_anew:
+        if not self._families:
             TERRAINS.get(self.terrain)
+        elif self.terrain not in ("mixed", "any") and not terrain_family(self.terrain).walked:
+            raise InvalidInput(f"terrain: expected a family of ground to walk on, got {self.terrain}, all upright")
         for name, most in (("difficulty", 1.0), ("distance_m", 3.0)):
             low, high = getattr(self, name)
             if not 0.0 <= low <= high <= most:
                 raise InvalidInput(f"{name}: expected 0 ≤ low ≤ high ≤ {most:g}, got {low:g} and {high:g}")
 
-    @property
-    def _drawn_anew(self) -> bool:
-        """Whether every walk has a terrain of its own."""
-        return self.terrain == "mixed" or self.terrain in FAMILIES.names()
+    @cached_property
+    def _families(self) -> tuple[str, ...]:
+        """The families of which every walk has a ground of its own; none for one terrain."""
+        if self.terrain == "mixed":
+            return (*MIXED, *(point.name for point in entry_points(group="stancekit.height_families")))
+        if self.terrain == "any":
+            return tuple(name for name in TERRAIN_FAMILIES.names() if terrain_family(name).walked)
+        return (self.terrain,) if self.terrain in (*TERRAIN_FAMILIES.names(), *OLD) else ()
 
     def __call__(self, rng: np.random.Generator) -> GaitTask:
         """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
-        tasks = () if self._drawn_anew else reference_tasks(self.terrain)
+        tasks = () if self._families else reference_tasks(self.terrain)
         for _ in range(DRAWS):
             try:
                 return self._task_of(tasks, rng) if tasks else self._drawn(rng)
@@ -66,9 +76,9 @@ class SampledTasks:
         raise PlanningFailed(f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}")
 
     def _drawn(self, rng: np.random.Generator) -> GaitTask:
-        if self._drawn_anew:
-            family = str(rng.choice(FAMILIES.names())) if self.terrain == "mixed" else self.terrain
-            field_ = random_terrain(family, float(rng.uniform(*self.difficulty)), rng)
+        if names := self._families:
+            family = str(rng.choice(names)) if self.terrain in ("mixed", "any") else self.terrain
+            field_ = random_heights(family, float(rng.uniform(*self.difficulty)), rng)
         else:
             field_ = reference_terrain(self.terrain)
         turn = float(rng.uniform(-np.pi, np.pi))

@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.files.arrays import checked_int
+
+from stancekit.planners.files.arrays import checked, checked_int
 from stancekit.planners.files.writing import check_new_folder, replaced
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.terrain.families import FamilyTerrain, family_terrain, terrain_family
+from stancekit.planners.terrain.families import SCENE, family_terrain, terrain_family
+from stancekit.planners.terrain.terrain import Terrain
 
 FORMAT = "stancekit/scenes/1"
 INDEX = "scenes.json"
@@ -59,7 +61,9 @@ def export_scenes(
             number = seed + k
             scene = family_terrain(family, level, number)
             verdict = judged(planner, f"{family}:{level!r}:{number}")
-            record = {"seed": number, "status": verdict.status.value, "proof": verdict.proof, "figures": scene.figures}
+            record = {
+                "seed": number, "status": verdict.status.value, "proof": verdict.proof, "figures": dict(scene.figures),
+            }  # fmt: skip
             if scene.rise is not None:
                 record |= _heights(folder, f"{number}.npy", scene, spacing_m)
             scenes.append(record | {"surfaces": _surfaces(scene)})
@@ -73,19 +77,21 @@ def export_scenes(
     return index
 
 
-def _heights(folder: Path, name: str, scene: FamilyTerrain, spacing_m: float) -> dict[str, Any]:
+def _heights(folder: Path, name: str, scene: Terrain, spacing_m: float) -> dict[str, Any]:
     """The keys of the heights of a scene, written into its folder."""
-    x, y, heights = scene.heights(spacing_m)
-    np.save(folder / name, heights)
+    step = checked(spacing_m, "spacing_m", least=0.002, most=0.2)
+    (x0, y0, _), (x1, y1, _) = SCENE
+    x, y = (scene.begin_m[k] + np.arange(a, b + 1e-9, step) for k, (a, b) in enumerate(((x0, x1), (y0, y1))))
+    np.save(folder / name, scene.grid(x, y))
     return {"heights": name, "spacing_m": spacing_m, "corner_m": [float(x[0]), float(y[0])]}
 
 
-def _surfaces(scene: FamilyTerrain) -> list[dict[str, Any]]:
+def _surfaces(scene: Terrain) -> list[dict[str, Any]]:
     """Every polygon with its normal and friction."""
     return [
         {
             "vertices_m": patch.vertices_m.tolist(), "normal": patch.normal.tolist(), "friction": patch.friction,
             "footing": footing,
         }
-        for patch, footing in zip(scene.patches, scene.footing, strict=True)
+        for patch, footing in scene.surfaces
     ]  # fmt: skip

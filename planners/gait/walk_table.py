@@ -32,6 +32,7 @@ from ..files.documents import read_text, read_yaml
 from ..files.validation import validated
 from ..robot.single_body import GaitRobot
 from ..robot.walker import named_walker
+from ..terrain.families import drawn_name
 from ..terrain.import_options import ImportOptions
 from ..terrain.reference import named_terrain
 
@@ -116,7 +117,8 @@ def read_walk(path: str | Path) -> Walk:
 
 def _from(path: Path, name: str) -> str:
     """A name, or a file by its path from the YAML file's folder."""
-    return str(path.parent / name) if Path(name).suffix else name
+    drawn = drawn_name(name) and ".py:" not in name
+    return str(path.parent / name) if Path(name).suffix and not drawn else name
 
 
 def _of_table(path: Path, robot: GaitRobot) -> dict[str, Any]:

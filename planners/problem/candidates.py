@@ -10,7 +10,7 @@ from ..files.arrays import Array
 from ..robot.model import Limb
 from ..terrain.patch import Patch
 from ..terrain.polygon import Surface, nearest
-from .course_terrain import Terrain
+from ..terrain.terrain import Terrain
 
 COMFORT = 0.85
 """A nominal toe is at most this share of the limb's reach away from the nominal shoulder."""

@@ -12,12 +12,14 @@ from pydantic import ValidationError
 from ..errors import InvalidInput
 from ..files.documents import parse_yaml, read_json, read_yaml
 from ..files.validation import validation_errors
+from ..plugins import split_name
 from ..robot.model import Robot
+from ..terrain.families import TERRAIN_FAMILIES, drawn_name
 from .course import Course
 from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
 from .course_layout import build_course
-from .family_scene import family_keys, family_name
+from .family_scene import family_keys
 from .posture import FORMAT as POSTURE
 from .posture import PostureProblem
 
@@ -80,16 +82,30 @@ def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpe
 def described(course: str | Path) -> Mapping[str, Any]:
     """The keys of a built-in name, of FAMILY:LEVEL:SEED or of a YAML file. Raises InvalidInput."""
     name = str(course)
-    if family_name(name) and not Path(name).exists():
+    if drawn_name(name) and not Path(name).exists():
         return family_keys(name)
+    family, numbers = split_name(name)
+    if numbers and all(_is_number(each) for each in numbers) and not Path(name).exists():
+        raise TERRAIN_FAMILIES.unknown(family)
     for folder, names in (("courses", builtin_courses()), ("scenes", builtin_scenes())):
         if name in names:
             text = resources.files(f"stancekit.configs.{folder}").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
             return cast("Mapping[str, Any]", parse_yaml(text, name))
     if not Path(name).suffix and not Path(name).exists():
         known = ", ".join((*builtin_courses(), *builtin_scenes()))
-        raise InvalidInput(f"course: expected one of {known}, FAMILY:LEVEL:SEED or a YAML file, got {name!r}")
+        said = f"course: expected one of {known}, FAMILY:LEVEL:SEED or a YAML file, got {name!r}"
+        raise InvalidInput(said + ("; over a terrain a plan wants a start and a goal" if _is_terrain(name) else ""))
     return cast("Mapping[str, Any]", read_yaml(course))
+
+
+def _is_number(text: str) -> bool:
+    return text.replace(".", "", 1).isdecimal()
+
+
+def _is_terrain(name: str) -> bool:
+    from ..terrain.reference import names_ground  # splines are slow to import
+
+    return names_ground(name)
 
 
 def _spec(course: str | Path, data: Mapping[str, Any], robot: Robot | str | None) -> CourseSpec:

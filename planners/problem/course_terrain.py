@@ -17,6 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.patch import Patch
 from ..terrain.polygon import surface_patch
+from ..terrain.terrain import Terrain
 from .family_scene import FamilyScene as FamilyScene
 from .file_terrain import FileTerrain as FileTerrain
 from .terrain_spec import MOST_PATCHES
@@ -24,7 +25,6 @@ from .terrain_spec import Friction as Friction
 from .terrain_spec import Length as Length
 from .terrain_spec import Point as Point
 from .terrain_spec import Positive as Positive
-from .terrain_spec import Terrain as Terrain
 from .terrain_spec import TerrainSpec as TerrainSpec
 
 BEYOND_M = 0.6

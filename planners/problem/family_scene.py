@@ -10,11 +10,11 @@ from pydantic import Field, field_validator
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..plugins import split_name
 from ..robot.urdf import FOOT_RADIUS_M
-from ..terrain.families import TERRAIN_FAMILIES, FamilyTerrain, family_terrain
+from ..terrain.families import OLD, TERRAIN_FAMILIES, family_terrain, read_draw
 from ..terrain.patch import Patch
-from .terrain_spec import ROOM_M, Terrain, TerrainSpec
+from ..terrain.terrain import Terrain
+from .terrain_spec import ROOM_M, TerrainSpec
 
 FRAMES, STRIDE_M, HEIGHT_M = 4, 0.08, 0.20
 """Of the courses, see ``family_keys``."""
@@ -31,25 +31,13 @@ class FamilyScene(TerrainSpec):
     @field_validator("family")
     @classmethod
     def _is_family(cls, family: str) -> str:
-        if family not in TERRAIN_FAMILIES.names():  # none of a FILE.py: reading a course runs nothing
+        if family not in (*TERRAIN_FAMILIES.names(), *OLD):  # none of a FILE.py: reading a course runs nothing
             raise InvalidInput(f"expected one of {', '.join(TERRAIN_FAMILIES.names())}, got {family!r}")
         return family
 
-    def drawn(self) -> FamilyTerrain:
-        """The scene with all that was drawn."""
-        return family_terrain(self.family, self.level, self.seed)
-
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """The scene, wherever the path goes."""
-        found = self.drawn()
-        patches = (patch.with_friction(self.friction * patch.friction) for patch in found.patches)
-        return Terrain(tuple(patches), found.footing)
-
-
-def family_name(name: str) -> bool:
-    """Whether a course's name is that of a family, as ``stairs:0.6``, ``stairs:0.6:7`` or ``mine.py:steps:0.6:7``."""
-    family, numbers = split_name(name)
-    return bool(numbers) and (".py:" in family or family in TERRAIN_FAMILIES.names())
+        return family_terrain(self.family, self.level, self.seed).with_friction(self.friction)
 
 
 def family_keys(name: str) -> dict[str, Any]:
@@ -58,26 +46,22 @@ def family_keys(name: str) -> dict[str, Any]:
     The default hexapod walks FRAMES key frames of a tripod gait, STRIDE_M each, in the mean HEIGHT_M above the ground
     and along it; between walls it climbs. A toe is offered all that it could reach.
     """
-    family, numbers = split_name(name)
-    try:
-        level, seed = float(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 0
-        if len(numbers) > 2:
-            raise ValueError
-    except (ValueError, IndexError):
-        raise InvalidInput(f"course: expected {family}:LEVEL:SEED as in {family}:0.5:7, got {name!r}") from None
+    family, level, seed = read_draw(name, "course")
     scene = family_terrain(family, level, seed)
     rise = scene.rise
     far = STRIDE_M * (FRAMES - 1)
     along = 1.0 if rise is None else float((1.0 + rise**2) ** 0.5)
-    goal = (0.0, 0.0, HEIGHT_M + far) if rise is None else (far / along, 0.0, HEIGHT_M + far * rise / along)
+    x, y, z = scene.begin_m
+    start = [x, y, z + HEIGHT_M]
+    goal = [x, y, start[2] + far] if rise is None else [x + far / along, y, start[2] + far * rise / along]
     stance = {"outward_m": 0.13, "down_m": 0.0 if rise is None else HEIGHT_M}
     return {
-        "name": Path(name).name.replace(":", "-"), "frames": FRAMES, "gait": "tripod", "start_m": [0.0, 0.0, HEIGHT_M],
-        "goal_m": list(goal), "stride_m": STRIDE_M, "stance": stance,
+        "name": Path(name).name.replace(":", "-"), "frames": FRAMES, "gait": "tripod", "start_m": start,
+        "goal_m": goal, "stride_m": STRIDE_M, "stance": stance,
         "body": {"com_radius_m": 0.06, "first_radius_m": 0.02},
         "steps": {"com_m": 0.15, "toe_m": 0.40, "rotation_rad": 0.15, "progress_m": 0.02},
         "candidates": {"everywhere": True, "margin_m": FOOT_RADIUS_M + ROOM_M},
-        "terrain": polygon_keys(scene.patches, scene.footing) if ".py:" in family
+        "terrain": polygon_keys(*zip(*scene.surfaces, strict=True)) if ".py:" in family
         else {"kind": "family", "family": family, "level": level, "seed": seed},
     }  # fmt: skip
 

@@ -22,7 +22,8 @@ from ..terrain.footholds import (
     Footholds,
 )
 from ..terrain.import_options import MOST_TRIANGLES, ImportOptions
-from .terrain_spec import MOST_PATCHES, Length, Point, Positive, Terrain, TerrainSpec
+from ..terrain.terrain import Terrain
+from .terrain_spec import MOST_PATCHES, Length, Point, Positive, TerrainSpec
 
 
 class FootholdKeys(BaseModel):

@@ -1,9 +1,8 @@
-"""What all terrains of courses share: patches, where toes may stand on them, and the answer to a path."""
+"""What all terrains of courses share in a file: friction, and the answer to a path."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +11,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
-from ..terrain.patch import Patch
 from ..terrain.sole import checked_sole
+from ..terrain.terrain import Terrain
 
 MOST_PATCHES = 5000
 ROOM_M = 0.002
@@ -34,26 +33,6 @@ def _sole(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 SolePoints = Annotated[list[tuple[Length, Length]], AfterValidator(_sole)]
 """Corners of a sole about its toe [m], see ``sole.checked_sole``."""
-
-
-@dataclass(frozen=True)
-class Terrain:
-    """Every patch there is, in order, and which of them a toe may stand on (risers, for one, are only in the way).
-
-    footholds: where toes may stand instead, pieces of the patches that keep ``inset_m`` from their borders [m].
-    """
-
-    patches: tuple[Patch, ...]
-    footing: tuple[bool, ...]
-    footholds: tuple[Patch, ...] | None = None
-    inset_m: float = 0.0
-
-    @property
-    def standing(self) -> tuple[tuple[str, Patch], ...]:
-        """What toes may stand on, each with what it is called."""
-        if self.footholds is not None:
-            return tuple((f"foothold {i}", patch) for i, patch in enumerate(self.footholds))
-        return tuple((f"terrain patch {i}", self.patches[i]) for i, footing in enumerate(self.footing) if footing)
 
 
 class TerrainSpec(BaseModel, ABC):

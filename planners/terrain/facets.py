@@ -162,7 +162,7 @@ def _joined(corners: Array, normals: Array, area: Array, triangles: NDArray[np.i
 
 
 def _merged_planes(labels: NDArray[np.int_], corners: Array, normals: Array, area: Array) -> NDArray[np.int_]:
-    """Labels with groups of one plane as one, though no edge joins them."""
+    """Labels with groups of one plane as one, though no edge joins them: each goes to the largest that it fits."""
     _, labels = np.unique(labels, return_inverse=True)
     number = int(labels.max(initial=-1)) + 1
     seed = _largest(labels, area, number)
@@ -176,8 +176,18 @@ def _merged_planes(labels: NDArray[np.int_], corners: Array, normals: Array, are
     for one, other in (near.T, near.T[::-1]):
         off = np.einsum("kij,kj->ki", corners[seed[one]] - corners[seed[other], :1], normals[seed[other]])
         keep &= np.abs(off).max(axis=1, initial=0.0) <= FLAT_M
-    _, group = _connected(near[keep], number)
-    return np.asarray(group[labels])
+    near, whose = near[keep], np.arange(number)
+    of = {int(one): list[int]() for one in near.ravel()}
+    for one, other in near.tolist():
+        of[one].append(other)
+        of[other].append(one)
+    size, taken = np.bincount(labels, weights=area, minlength=number), set[int]()
+    for one in sorted(of, key=lambda group: (-size[group], group)):
+        if one not in taken:
+            its = [one, *(other for other in of[one] if other not in taken)]
+            whose[its] = min(its)
+            taken.update(its)
+    return np.asarray(whose[labels])
 
 
 def _fits(corners: Array, normals: Array, at: Array, seed: Array) -> NDArray[np.bool_]:

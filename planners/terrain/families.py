@@ -1,110 +1,94 @@
-"""Families of terrain whose difficulty is a length or an angle: stairs, stones, gaps, beams, rubble, slopes, walls.
+"""Families of terrain: one table of generators, each a ground by its name, a level in [0, 1] and a seed.
 
-A family is a pure function of a level in [0, 1] and a generator. The level says one physical quantity, by a formula
+A family is a pure function of a level and a generator. The level says one physical quantity, by a formula
 that is linear in it; the generator says the rest (phase, offset, friction), in draws that do not depend on the level.
-So equal seeds at two levels give the same scene, easier and harder; of gaps and beams the harder one has less to stand
+So equal seeds at two levels give the same ground, easier and harder; of gaps and beams the harder one has less to stand
 on and nothing else is different, and what cannot be crossed at one level cannot be crossed at a higher one.
 
-A scene is what a robot about (0, 0, 0.2) that heads along x for 0.3 m could touch with legs of up to half a metre.
+A family gives polygons, or heights h(x, y). The one is seen as the other where that is wanted: heights of polygons are
+their surface with rounded edges (``rounding``), polygons of heights are the planar pieces that a foot may be put on
+(``map_footholds``). Key frames see the ground about their start (``SCENE``), walks see all of it (``WIDE``).
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from inspect import getdoc
+from dataclasses import dataclass, replace
+from importlib import import_module
+from inspect import getdoc, signature
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked
 from ..files.validation import shown
-from ..plugins import Registry, takes
+from ..plugins import Registry, split_name, takes
 from .patch import Patch
-from .polygon import STEEP, half_planes, surface_patch
+from .polygon import surface_patch
+from .terrain import Terrain
 
-LOW_X_M, HIGH_X_M, HALF_WIDTH_M = -0.8, 1.1, 0.8
-"""The extent of every scene [m]."""
-VOID_M = -0.6
-"""Height of what is between stones and in gaps, where a height is needed [m]."""
-EDGE_M = 1e-9
-"""Neighbouring surfaces have no seam between them [m]."""
+if TYPE_CHECKING:
+    from .heightfield import HeightField  # splines are slow to import
+
 LEAST_M = 1e-3
 """A riser lower than this is none [m]."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FamilyTerrain:
-    """A drawn scene.
-
-    patches: all surfaces; footing: whether toes may stand on each. rise: of the ground's mean per metre along x; None
-    between walls, where the way is up. figures: what was drawn, by name, in SI units.
-    """
-
-    patches: tuple[Patch, ...]
-    footing: tuple[bool, ...]
-    rise: float | None
-    figures: dict[str, float]
-
-    def heights(self, spacing_m: float = 0.02) -> tuple[Array, Array, Array]:
-        """The highest surface that faces up, or VOID_M: x, shape (n,), y, (m,), and heights, (n, m) [m].
-
-        Raises InvalidInput for walls, which are no height field.
-        """
-        if self.rise is None:
-            raise InvalidInput("heights: expected a family with ground, got walls, which are no height field")
-        step = checked(spacing_m, "spacing_m", least=0.002, most=0.2)
-        x, y = np.arange(LOW_X_M, HIGH_X_M + 1e-9, step), np.arange(-HALF_WIDTH_M, HALF_WIDTH_M + 1e-9, step)
-        places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-        heights = np.full((len(x), len(y)), -np.inf)
-        for patch in self.patches:
-            if patch.normal[2] < STEEP:
-                continue
-            normals, offsets = half_planes(patch.vertices_m[:, :2])
-            within = np.all(places @ normals.T <= offsets + EDGE_M, axis=-1)
-            lifted = patch.centre_m[2] - (places - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
-            heights = np.where(within, np.maximum(heights, lifted), heights)
-        return x, y, np.where(np.isfinite(heights), heights, VOID_M)
-
-
-Draw = Callable[[float, np.random.Generator], FamilyTerrain | Sequence[Patch]]
-"""Of a level and a generator: a scene, or where all of it is level on the whole and to stand on, its surfaces."""
+SCENE = np.array([(-0.8, -0.8, -np.inf), (1.1, 0.8, np.inf)])
+"""All that a robot about (0, 0, 0.2) that heads along x for 0.3 m could touch with legs of up to half a metre: a box."""
+WIDE = np.array([(-4.0, -4.0, -np.inf), (4.0, 4.0, np.inf)])
+"""All that walks go over: a box."""
+for _box in (SCENE, WIDE):
+    _box.setflags(write=False)
+Shape = Callable[[Array, Array], Array]
+Draw = Callable[..., Terrain | Sequence[Patch] | Shape]
+"""A function of a level and a generator that gives a ground: a terrain; its surfaces, where all of it is level on the
+whole and to stand on; or h of x and y. Polygons go on to an ``extent``, a box as ``WIDE``, where it takes one by that
+name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Family:
-    """quantity: what the level says, by its formula. draw: the scene at a level."""
+    """quantity: what the level says, by its formula. draw: the ground at a level. walked: whether it has a height at
+    every place, so that walks can go over it."""
 
     quantity: str
     draw: Draw
+    walked: bool = True
 
 
-def _stairs(level: float, rng: np.random.Generator) -> FamilyTerrain:
+def _stairs(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, half = _ends(extent)
     run, phase, friction = rng.uniform(0.24, 0.32), rng.uniform(0.0, 1.0), rng.uniform(0.6, 0.9)
     riser = RISER_M * level
     patches, footing = list[Patch](), list[bool]()
-    first = int(np.floor(LOW_X_M / run - phase))
-    for step in range(first, int(np.ceil(HIGH_X_M / run - phase))):
+    first = int(np.floor(low_x / run - phase))
+    for step in range(first, int(np.ceil(high_x / run - phase))):
         x, height = (step + phase) * run, (step + 0.5 + phase) * riser  # the mean goes through the origin
         if riser > LEAST_M and step > first:
-            patches.append(_riser(x, height - riser, height, friction))
+            patches.append(_riser(x, height - riser, height, friction, half))
             footing.append(False)
-        patches.append(_level(x, x + run, -HALF_WIDTH_M, HALF_WIDTH_M, height, friction))
+        patches.append(_level(x, x + run, -half, half, height, friction))
         footing.append(True)
     figures = {"riser_m": riser, "run_m": run, "friction": friction}
-    return FamilyTerrain(patches=tuple(patches), footing=tuple(footing), rise=riser / run, figures=figures)
+    return Terrain(patches=tuple(patches), footing=tuple(footing), rise=riser / run, figures=figures)
 
 
-def _stones(level: float, rng: np.random.Generator) -> FamilyTerrain:
+def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.6, 0.9)
     shifts, tops = rng.uniform(-0.5, 0.5, (STONES, STONES, 2)), rng.uniform(-1.0, 1.0, (STONES, STONES))
     side, apart = STONE_M[0] + (STONE_M[1] - STONE_M[0]) * level, APART_M * level
     pitch = side + apart
+    if extent is not SCENE:
+        shifts = _within(rng.uniform(-0.5, 0.5, (FAR, FAR, 2)), shifts)
+        tops = _within(rng.uniform(-1.0, 1.0, (FAR, FAR)), tops)
     patches = []
-    for i, j in np.ndindex(STONES, STONES):
-        middle = (np.array([i, j]) - STONES // 2 + phase) * pitch + 0.5 * apart * shifts[i, j]
+    for i, j in np.ndindex(tops.shape):
+        middle = (np.array([i, j]) - len(tops) // 2 + phase) * pitch + 0.5 * apart * shifts[i, j]
         low, high = middle - 0.5 * side, middle + 0.5 * side
-        if _outside(low, high):
+        if _outside(low, high, extent):
             continue
         top = STONE_TOP_M * level * float(tops[i, j])
         patches.append(_level(low[0], high[0], low[1], high[1], top, friction))
@@ -112,31 +96,36 @@ def _stones(level: float, rng: np.random.Generator) -> FamilyTerrain:
     return _standing(patches, figures)
 
 
-def _gaps(level: float, rng: np.random.Generator) -> FamilyTerrain:
+def _gaps(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, half = _ends(extent)
     middle, friction = rng.uniform(0.0, 0.35), rng.uniform(0.6, 0.9)
     gap = GAP_M * level
     ends = (middle - 0.5 * gap, middle + 0.5 * gap)
-    spans = ((LOW_X_M, ends[0]), (ends[1], HIGH_X_M))
-    patches = [_level(low, high, -HALF_WIDTH_M, HALF_WIDTH_M, 0.0, friction) for low, high in spans]
+    spans = ((low_x, ends[0]), (ends[1], high_x))
+    patches = [_level(low, high, -half, half, 0.0, friction) for low, high in spans]
     return _standing(patches, {"gap_m": gap, "middle_m": middle, "friction": friction})
 
 
-def _beams(level: float, rng: np.random.Generator) -> FamilyTerrain:
+def _beams(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, _ = _ends(extent)
     offset, friction = rng.uniform(-BEAM_OFFSET_M, BEAM_OFFSET_M), rng.uniform(0.6, 0.9)
     width = BEAM_M[0] + (BEAM_M[1] - BEAM_M[0]) * level
-    patch = _level(LOW_X_M, HIGH_X_M, offset - 0.5 * width, offset + 0.5 * width, 0.0, friction)
+    patch = _level(low_x, high_x, offset - 0.5 * width, offset + 0.5 * width, 0.0, friction)
     return _standing([patch], {"width_m": width, "offset_m": offset, "friction": friction})
 
 
-def _rubble(level: float, rng: np.random.Generator) -> FamilyTerrain:
+def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.4, 0.7)
     heights, leans = rng.standard_normal((STONES, STONES)), rng.uniform(-1.0, 1.0, (STONES, STONES, 2))
     deviation, lean = RUBBLE_M * level, RUBBLE_RAD * level
+    if extent is not SCENE:
+        heights = _within(rng.standard_normal((FAR, FAR)), heights)
+        leans = _within(rng.uniform(-1.0, 1.0, (FAR, FAR, 2)), leans)
     patches = []
-    for i, j in np.ndindex(STONES, STONES):
-        low = (np.array([i, j]) - STONES // 2 + phase - 0.5) * BLOCK_M
+    for i, j in np.ndindex(heights.shape):
+        low = (np.array([i, j]) - len(heights) // 2 + phase - 0.5) * BLOCK_M
         high = low + BLOCK_M
-        if _outside(low, high):
+        if _outside(low, high, extent):
             continue
         slope = np.tan(lean * leans[i, j])
         corners = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
@@ -145,29 +134,31 @@ def _rubble(level: float, rng: np.random.Generator) -> FamilyTerrain:
     return _standing(patches, {"deviation_m": deviation, "lean_rad": lean, "friction": friction})
 
 
-def _slopes(level: float, rng: np.random.Generator) -> FamilyTerrain:
+def _slopes(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, half = _ends(extent)
     friction, angle = rng.uniform(0.4, 0.8), SLOPE_RAD * level
     rise = float(np.tan(angle))
-    corners = np.array([(x, y, rise * x) for x, y in _around(LOW_X_M, HIGH_X_M, -HALF_WIDTH_M, HALF_WIDTH_M)])
-    return FamilyTerrain(
+    corners = np.array([(x, y, rise * x) for x, y in _around(low_x, high_x, -half, half)])
+    return Terrain(
         patches=(surface_patch(corners, friction),), footing=(True,), rise=rise,
         figures={"angle_rad": angle, "friction": friction},
     )  # fmt: skip
 
 
-def _walls(level: float, rng: np.random.Generator) -> FamilyTerrain:
+def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    low_x, high_x, _ = _ends(extent)
     friction, shares = rng.uniform(0.6, 1.0), rng.uniform(0.45, 0.55)
     apart = WALLS_M[0] + (WALLS_M[1] - WALLS_M[0]) * level
     patches = []
     for y, inward in ((shares * apart, -1.0), ((shares - 1.0) * apart, 1.0)):
-        corners = np.array([(x, y, z) for x, z in _around(LOW_X_M, HIGH_X_M, -0.6, 1.2)])
+        corners = np.array([(x, y, z) for x, z in _around(low_x, high_x, -0.6, 1.2)])
         patches.append(surface_patch(corners, friction, towards_m=corners.mean(axis=0) + np.array([0.0, inward, 0.0])))
     figures = {"apart_m": apart, "middle_m": (shares - 0.5) * apart, "friction": friction}
-    return FamilyTerrain(patches=tuple(patches), footing=(True, True), rise=None, figures=figures)
+    return Terrain(patches=tuple(patches), footing=(True, True), rise=None, figures=figures)
 
 
-STONES = 15
-"""Stones and blocks along each axis, before those outside of the scene are left out."""
+STONES, FAR = 15, 41
+"""Stones and blocks along each axis of a scene and of all the ground, before those outside are left out."""
 RISER_M = 0.5
 STONE_M, APART_M, STONE_TOP_M = (0.25, 0.05), 0.60, 0.05
 GAP_M = 1.0
@@ -186,46 +177,205 @@ TERRAIN_FAMILIES: Registry[Family | Draw] = Registry(
         "beams": Family(quantity="width of a beam along the way: 1.2 − 1.16 · level m", draw=_beams),
         "rubble": Family(quantity="deviation of blocks' heights: 0.6 · level m; leans to 0.8 · level", draw=_rubble),
         "slopes": Family(quantity="angle of a plane that is climbed: 0.8 · level rad", draw=_slopes),
-        "walls": Family(quantity="distance of two walls: 0.56 + 0.5 · level m", draw=_walls),
+        "walls": Family(quantity="distance of two walls: 0.56 + 0.5 · level m", draw=_walls, walked=False),
+        "rough": f"{__package__}.smooth_families:ROUGH",
+        "waves": f"{__package__}.smooth_families:WAVES",
+        "ramps": f"{__package__}.smooth_families:RAMPS",
     },
     expected="a Family, or a function of a level and a generator",
     accepts=lambda it: isinstance(it, Family) or takes(it, 2),
+    old_groups=("stancekit.height_families",),
 )  # fmt: skip
 """By name. Friction: 0.4–0.8 on slopes, 0.4–0.7 on rubble, 0.6–1.0 on walls, 0.6–0.9 on others."""
 
 
-def family_terrain(family: str, level: float, seed: int) -> FamilyTerrain:
-    """The scene of a family's name or FILE.py:NAME, a level in [0, 1] and a seed. Raises InvalidInput.
+OLD = {
+    "stairs-spline": (f"{__package__}.smooth_families:STAIRS_SPLINE", "stairs"),
+    "stones-spline": (f"{__package__}.smooth_families:STONES_SPLINE", "stones"),
+}
+"""What walks had under these names before a name was one ground, for one more release: where it is, and what the name
+means now."""
+MIXED = ("rough", "stairs-spline", "stones-spline", "waves", "ramps")
+"""The families among which walks are drawn as ``mixed``: the grounds that walks had, in this order."""
+SCENES = ("stairs", "stones", "gaps", "beams", "rubble", "slopes", "walls")
+"""The families of polygons."""
+SMOOTH = ("rough", "waves", "ramps")
+"""The families of heights."""
+
+
+def family_terrain(family: str, level: float, seed: int, extent: Array = SCENE) -> Terrain:
+    """The ground of a family's name or FILE.py:NAME, a level in [0, 1] and a seed.
+
+    extent: how far patches go; heights go over all of ``WIDE``. Raises InvalidInput.
 
     >>> family_terrain("gaps", 0.5, seed=0).figures["gap_m"]
     0.5
     """
-    drawn_by = terrain_family(family)
-    hard = checked(level, "level", least=0.0, most=1.0)
+    rng, name = checked_draw(family, level, seed), f"{family}:{level:g}:{seed}"
+    found = _drawn(family, level, rng, extent)
+    if not isinstance(found, Terrain):
+        return _of_shape(found, name, extent, rng)
+    return replace(found, laid=lambda: _heights(family, level, checked_draw(family, level, seed), name))
+
+
+def random_heights(family: str, level: float, rng: np.random.Generator, name: str = "") -> HeightField:
+    """The heights of a family's ground over all of ``WIDE``, drawn with a generator; name: of the field.
+
+    Raises InvalidInput, also for a family that has no height at a place.
+    """
+    checked(level, "terrain: level", least=0.0, most=1.0)
+    heights = _heights(family, level, rng, name or f"{family}:{level:g}")
+    if heights is None:
+        raise InvalidInput(
+            f"terrain: expected ground to walk on, got {family}, whose surfaces are upright and have no height at a "
+            "place; stancekit plan climbs there"
+        )
+    return heights
+
+
+def drawn_surface(family: str, level: float, seed: int) -> tuple[Patch, ...] | None:
+    """All patches of a family's ground over ``WIDE``; None for a family of heights. Raises InvalidInput."""
+    found = _drawn(family, level, checked_draw(family, level, seed), WIDE)
+    return found.patches if isinstance(found, Terrain) else None
+
+
+def checked_draw(family: str, level: float, seed: int) -> np.random.Generator:
+    """The generator of a draw. Raises InvalidInput for a level outside [0, 1] and for what is no seed."""
+    terrain_family(family)
+    checked(level, "level", least=0.0, most=1.0)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise InvalidInput(f"seed: expected a whole number of 0 or more, got {seed!r}")
-    scene = drawn_by.draw(hard, np.random.Generator(np.random.PCG64(seed)))
-    if isinstance(scene, list | tuple) and scene and all(isinstance(patch, Patch) for patch in scene):
-        return _standing(list(scene), {})
-    if not isinstance(scene, FamilyTerrain):
-        raise InvalidInput(f"family {family}: expected a FamilyTerrain or a list of patches, got {shown(scene)}")
-    return scene
+    return np.random.Generator(np.random.PCG64(seed))
+
+
+def drawn_name(name: str) -> bool:
+    """Whether a name is that of a draw, as ``stairs:0.6``, ``stairs:0.6:7`` or ``mine.py:steps:0.6:7``."""
+    family, numbers = split_name(name)
+    return bool(numbers) and (".py:" in family or family in TERRAIN_FAMILIES.names() or family in OLD)
+
+
+def read_draw(name: str, where: str) -> tuple[str, float, int]:
+    """Family, level and seed of a name, seed 0 where there is none. where: what the message begins with.
+
+    Raises InvalidInput for text where a number is expected.
+    """
+    family, numbers = split_name(name)
+    try:
+        level, seed = float(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 0
+        if len(numbers) > 2:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise InvalidInput(f"{where}: expected {family}:LEVEL:SEED as in {family}:0.5:7, got {name!r}") from None
+    return family, level, seed
 
 
 def terrain_family(name: str) -> Family:
     """The family of a name, or of FILE.py:NAME; a plain function says what its level is in its docstring.
 
-    Raises InvalidInput for a name that nobody has.
+    Raises InvalidInput for a name that nobody has. An old name is taken with a ``DeprecationWarning``.
     """
-    found = TERRAIN_FAMILIES.get(name)
+    if name in OLD:
+        warnings.warn(superseded(name), DeprecationWarning, stacklevel=2)
+    return _family(name)
+
+
+def superseded(name: str) -> str:
+    """A line for whoever names an old ground, that says the new name; empty for any other name."""
+    family = split_name(name)[0]
+    if family not in OLD:
+        return ""
+    now = OLD[family][1]
+    return f"{family} is what walks had as {now}, for one more release: {now} is one ground for plans and walks"
+
+
+def _family(name: str) -> Family:
+    found = _found(OLD[name][0]) if name in OLD else TERRAIN_FAMILIES.get(name)
     if isinstance(found, Family):
         return found
     return Family(quantity=(getdoc(found) or name).splitlines()[0], draw=found)
 
 
-def _standing(patches: list[Patch], figures: dict[str, float]) -> FamilyTerrain:
+def _found(where: str) -> Family:
+    """The family at "module:attribute"."""
+    module, attribute = where.split(":")
+    family: Family = getattr(import_module(module), attribute)
+    return family
+
+
+def _goes_on(draw: Draw) -> bool:
+    """Whether a family's polygons go on as far as they are asked to."""
+    try:
+        return "extent" in signature(draw).parameters
+    except ValueError:  # of a function that does not say what it takes
+        return False
+
+
+def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -> Terrain | Shape:
+    """What a family draws. Raises InvalidInput where that is no ground."""
+    draw = _family(family).draw
+    found = draw(level, rng, extent=extent) if _goes_on(draw) else draw(level, rng)
+    if isinstance(found, list | tuple) and found and all(isinstance(patch, Patch) for patch in found):
+        return _standing(list(found), {})
+    if isinstance(found, Terrain) or (callable(found) and takes(found, 2)):
+        return found
+    raise InvalidInput(
+        f"family {family}: expected a Terrain, a list of patches or a function of x and y, got {shown(found)}"
+    )
+
+
+def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> HeightField | None:
+    """The heights of a draw over ``WIDE``, or over its patches where they do not go on; None for upright surfaces."""
+    from .rounding import rounded  # splines are slow to import
+    from .smooth_families import levelled
+
+    found = _drawn(family, level, rng, WIDE)
+    if not isinstance(found, Terrain):
+        return levelled(found, name)
+    if found.laid is not None:
+        return found.laid()
+    if not _goes_on(_family(family).draw):
+        return rounded(found.patches, name=name)
+    low, high = WIDE[:, :2]
+    return rounded(found.patches, low, high, name=name)
+
+
+def _of_shape(shape: Shape, name: str, extent: Array, rng: np.random.Generator) -> Terrain:
+    """A ground of heights, seen about where it is no longer level: there its courses begin."""
+    from .smooth_families import LEVEL_M, levelled
+
+    field, friction = levelled(shape, name), float(rng.uniform(0.6, 0.9))
+    begin = np.array([2.0 * LEVEL_M, 0.0, 0.0])
+    return of_heights(field, friction, begin, extent + begin if extent is SCENE else extent)
+
+
+def of_heights(field: HeightField, friction: float, begin_m: Array, box_m: Array) -> Terrain:
+    """A ground of heights, with the planar pieces in a box, shape (2, 3) [m], that a foot may be put on.
+
+    A course begins over a place, shape (3,) [m], in the plane that is nearest to the heights about its way.
+    """
+    from .elevation import ElevationMap
+    from .foothold_search import footholds_of
+    from .footholds import FootholdLimits
+
+    whole = ElevationMap.of_field(field)
+    about = whole.cropped(np.array([(-0.4, -0.4, -np.inf), (0.65, 0.4, np.inf)]) + begin_m)
+    x, y = np.meshgrid(about.x_m - begin_m[0], about.y_m - begin_m[1], indexing="ij")
+    terms = np.column_stack([np.ones(x.size), x.ravel(), y.ravel()])
+    plane, *_ = np.linalg.lstsq(terms, about.heights_m.ravel(), rcond=None)
+    off = about.heights_m.ravel() - terms @ plane
+    limits = FootholdLimits()
+    found = footholds_of(whole.cropped(box_m), limits, friction, none=True)
+    return Terrain(
+        patches=found.surfaces, footing=(False,) * len(found.surfaces),
+        footholds=tuple(piece.patch for piece in found.pieces), inset_m=limits.margin_m, rise=float(plane[1]),
+        figures={"deviation_m": float(np.sqrt(np.mean(off**2))), "rise": float(plane[1]), "friction": friction},
+        begin_m=(float(begin_m[0]), float(begin_m[1]), float(plane[0])), laid=lambda: field,
+    )  # fmt: skip
+
+
+def _standing(patches: list[Patch], figures: dict[str, float]) -> Terrain:
     """Level on the whole, and good to stand on wherever there is something."""
-    return FamilyTerrain(patches=tuple(patches), footing=(True,) * len(patches), rise=0.0, figures=figures)
+    return Terrain(patches=tuple(patches), footing=(True,) * len(patches), rise=0.0, figures=figures)
 
 
 def _around(low_x: float, high_x: float, low_y: float, high_y: float) -> tuple[tuple[float, float], ...]:
@@ -236,11 +386,34 @@ def _level(low_x: float, high_x: float, low_y: float, high_y: float, height: flo
     return surface_patch(np.array([(x, y, height) for x, y in _around(low_x, high_x, low_y, high_y)]), friction)
 
 
-def _riser(x: float, low: float, high: float, friction: float) -> Patch:
-    corners = np.array([(x, y, z) for y, z in _around(-HALF_WIDTH_M, HALF_WIDTH_M, low, high)])
+def _riser(x: float, low: float, high: float, friction: float, half: float) -> Patch:
+    corners = np.array([(x, y, z) for y, z in _around(-half, half, low, high)])
     return surface_patch(corners, friction, towards_m=corners.mean(axis=0) - np.array([1.0, 0.0, 0.0]))
 
 
-def _outside(low: Array, high: Array) -> bool:
-    bounds = np.array([(LOW_X_M, HIGH_X_M), (-HALF_WIDTH_M, HALF_WIDTH_M)])
-    return bool(np.any(high < bounds[:, 0]) or np.any(low > bounds[:, 1]))
+def _ends(extent: Array) -> tuple[float, float, float]:
+    """From where to where along x, and how far to each side [m]."""
+    return float(extent[0, 0]), float(extent[1, 0]), float(extent[1, 1])
+
+
+def _outside(low: Array, high: Array, extent: Array) -> bool:
+    (x0, y0, _), (x1, y1, _) = extent
+    return bool(np.any(high < (x0, y0)) or np.any(low > (x1, y1)))
+
+
+def _within(far: Array, near: Array) -> Array:
+    """Numbers of all the ground, those of a scene in the middle."""
+    first = (len(far) - len(near)) // 2
+    far[first : first + len(near), first : first + len(near)] = near
+    return far
+
+
+if not TYPE_CHECKING:  # checkers read what is there today
+
+    def __getattr__(name: str) -> object:
+        """``Terrain`` under the name that plug-ins had for it. Raises AttributeError for any other name."""
+        if name != "FamilyTerrain":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        said = f"{__name__}.FamilyTerrain is old: planners.terrain.terrain.Terrain"
+        warnings.warn(said, DeprecationWarning, stacklevel=2)
+        return Terrain

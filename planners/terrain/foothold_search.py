@@ -15,9 +15,16 @@ if TYPE_CHECKING:
 
 
 def footholds_of(
-    terrain: TriangleMesh | ElevationMap, limits: FootholdLimits = FootholdLimits(), friction: float = 1.0
+    terrain: TriangleMesh | ElevationMap,
+    limits: FootholdLimits = FootholdLimits(),
+    friction: float = 1.0,
+    *,
+    none: bool = False,
 ) -> Footholds:
-    """The footholds of a mesh or a map. Raises InvalidInput, with the reasons, where there is none."""
+    """The footholds of a mesh or a map.
+
+    Raises InvalidInput, with the reasons, where there is none, unless ``none`` says that there may be none.
+    """
     from .facets import shapely_module
     from .triangle_mesh import TriangleMesh
 
@@ -36,7 +43,7 @@ def footholds_of(
             f"{terrain.name}: expected surfaces with outlines, got some that cross themselves; another spacing_m or "
             f"offset_m may help: {' '.join(str(error).split()):.100}"
         ) from None
-    if not found.pieces:
+    if not found.pieces and not none:
         refused = ", ".join(f"{area:.3g} m² {name}" for name, area in found.refused_m2.items() if area > 0.0)
         noisy = isinstance(terrain, TriangleMesh) and found.refused_m2.get("edge", 0.0) > 0.0
         hint = "; triangles of a scan that lean by its noise have no planes: make it a map" if noisy else ""

@@ -128,7 +128,11 @@ class _Around:
             facet.plane.world(np.array([_within(part) for part in of]).reshape(-1, 2)) + ABOVE_M * facet.plane.normal
             for facet, of in zip(facets, parts, strict=True)
         ]
-        free = iter(self._winding(np.concatenate([*points, np.zeros((0, 3))])) <= 0)
+        facet_of = np.repeat(np.arange(len(facets)), [len(of) for of in points])
+        own = np.full(len(self._corners), -1)
+        for number, facet in enumerate(facets):
+            own[facet.triangles] = number
+        free = iter(self._winding(np.concatenate([*points, np.zeros((0, 3))]), facet_of, own) <= 0)
         kept = [[part for part in of if next(free)] for of in parts]
         return [
             facet.polygon if len(left) == len(of) else self._shapely.union_all(left, grid_size=1e-7)
@@ -174,8 +178,12 @@ class _Around:
             return np.zeros((0, 2, 2))
         return facet.plane.flat(self._open[over] - (heights[over] / rise)[..., None] * along)
 
-    def _winding(self, points: Array) -> NDArray[np.int_]:
-        """Triangles that face up above each point less those that face down, shape (K,)."""
+    def _winding(self, points: Array, facet_of: NDArray[np.int_], own: NDArray[np.int_]) -> NDArray[np.int_]:
+        """Triangles that face up above each point less those that face down, shape (K,).
+
+        facet_of: number of the facet that each point is on; own: of each triangle, −1 for none. A facet's own triangles
+        are as far off its plane as flat things may be, and none of them is above it.
+        """
         lean = np.zeros((3, 3))
         lean[2, :2] = LEAN
         corners, points = self._corners - self._corners @ lean, points - points @ lean
@@ -190,6 +198,7 @@ class _Around:
             s = (way[:, 0] * v[triangle, 1] - way[:, 1] * v[triangle, 0]) / of
             t = (u[triangle, 0] * way[:, 1] - u[triangle, 1] * way[:, 0]) / of
             hit = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0) & (s * u[triangle, 2] + t * v[triangle, 2] > way[:, 2])
+        hit &= own[triangle] != facet_of[point]
         return np.bincount(point[hit], weights=np.sign(of[hit]), minlength=len(points)).astype(np.int_)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array
+from .ground import Ground as Ground
 from .patch import Patch
 from .prism import Solid
 
@@ -65,30 +66,6 @@ class ClosedSurface:
         return float(behind[behind > 0.0].min(initial=np.inf))
 
 
-class Ground:
-    """Heights that are solid below. name: for people."""
-
-    name = "the ground"
-
-    def __init__(self, terrain: HeightField) -> None:
-        self.terrain = terrain
-        (self._control,), self._knots = terrain.spline
-
-    def near(self, low: Array, high: Array) -> NDArray[np.bool_]:
-        """Which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its control points. Shape (S,)."""
-        (x0, x1), (y0, y1) = (
-            [np.clip(np.searchsorted(knots, at[:, k], side="right") - 4, 0, len(knots) - 8) for at in (low, high)]
-            for k, knots in enumerate(self._knots)
-        )
-        tops = [self._control[a : b + 4, c : d + 4].max() for a, b, c, d in zip(x0, x1, y0, y1, strict=True)]
-        return np.asarray(low[:, 2] < np.array(tops))
-
-    def depth(self, points: Array) -> Array:
-        """How deep points are in it, along the normal where it is even, negative above, shape (…, 3) to (…) [m]."""
-        height, slope = self.terrain.height_and_gradient(points[..., :2])
-        return np.asarray((height - points[..., 2]) / np.sqrt(1.0 + np.vecdot(slope, slope)))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacles:
     """All of a terrain. convex: bodies; closed: surfaces whose inside is solid, too; ground: heights that are solid
@@ -116,7 +93,7 @@ class Obstacles:
                 continue
             convex += [Obstacle(name=f"patch {i}", solid=Solid.behind(patches[i])) for i in group]
             if len(its) > 3 and _closes(its):
-                fans = [_fan(patch) for patch in its]
+                fans = [fan(patch) for patch in its]
                 closed.append(ClosedSurface(name=name, triangles_m=np.concatenate(fans)))
         return cls(convex=tuple(convex), closed=tuple(closed))
 
@@ -165,7 +142,7 @@ def _closes(patches: Sequence[Patch]) -> bool:
     return bool(np.linalg.norm(areas.sum(axis=0)) < 0.01 * np.linalg.norm(areas, axis=1).sum()) and volume > 0.0
 
 
-def _fan(patch: Patch) -> Array:
+def fan(patch: Patch) -> Array:
     """The patch as triangles whose order turns about its normal, shape (U − 2, 3, 3)."""
     border = patch.vertices_m
     around = np.cross(border - border[0], np.roll(border, -1, axis=0) - border[0]).sum(axis=0) @ patch.normal

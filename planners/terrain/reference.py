@@ -1,4 +1,4 @@
-"""Reference terrains of paper W (Fig. 3) with their tasks (paper W §V), and random families by difficulty and seed.
+"""Reference terrains of paper W (Fig. 3) with their tasks (paper W §V), and grounds by any name.
 
 Paper W gives pictures only; the formulas here are the house's, in metres with r² = x² + y². The world's domain is
 [−4, 4]².
@@ -6,25 +6,38 @@ Paper W gives pictures only; the formulas here are the house's, in metres with r
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, read_only
-from ..files.validation import shown
+from ..files.arrays import Array, read_only
 from ..plugins import Registry, split_name, takes
+from .elevation import ElevationMap
+from .families import (
+    SCENE,
+    TERRAIN_FAMILIES,
+    WIDE,
+    Shape,
+    checked_draw,
+    drawn_name,
+    drawn_surface,
+    family_terrain,
+    of_heights,
+    random_heights,
+    read_draw,
+)
 from .heightfield import HeightField
 from .import_options import ImportOptions
 from .terrain_file import read_heights
+from .triangle_mesh import TriangleMesh
 
-HALF_WIDTH_M = 4.0
-LEVEL_M = 0.6
-"""Random terrains are level within this distance of the origin, so that a robot can stand there [m]."""
-Shape = Callable[[Array, Array], Array]
+if TYPE_CHECKING:
+    from .terrain import Terrain
 
 
 def ripple(x: Array, y: Array) -> Array:
@@ -49,6 +62,8 @@ def pit(gradient: float) -> Shape:
     return lambda x, y: np.asarray(-0.5 * (1.0 - np.tanh(2.0 * gradient * (np.hypot(x, y) - 1.3))))
 
 
+FRICTION = 0.75
+"""Of grounds that say none, as walks have it."""
 REFERENCE_TOLERANCE_M = 0.025
 """What the splines of the references may miss of their formulas: the wall of 87° by 15 mm, the others by under 1 mm."""
 
@@ -85,7 +100,7 @@ def _out_of_the_pit() -> tuple[TerrainTask, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Terrain:
+class Formula:
     """A terrain by its formula. shape: h of x and y, arrays of one shape [m]; spacing_m: of its spline's knots; tasks:
     walks that it is known for, none if missing."""
 
@@ -94,13 +109,13 @@ class Terrain:
     tasks: Callable[[], tuple[TerrainTask, ...]] = tuple
 
 
-RIPPLE = Terrain(shape=ripple, tasks=lambda: _around(2.0, from_opposite=False))
-CONE = Terrain(shape=cone, tasks=lambda: _around(2.0, from_opposite=True))
-HILL = Terrain(shape=hill, tasks=lambda: _up((-2.6, 0.0), _spread(15, 0.5)))
-PIT = Terrain(shape=pit(5.0), tasks=_out_of_the_pit)
-PIT_84 = Terrain(shape=pit(10.0), spacing_m=0.025, tasks=_out_of_the_pit)
-PIT_87 = Terrain(shape=pit(20.0), spacing_m=0.025, tasks=_out_of_the_pit)
-TERRAINS: Registry[Terrain | HeightField | Shape] = Registry(
+RIPPLE = Formula(shape=ripple, tasks=lambda: _around(2.0, from_opposite=False))
+CONE = Formula(shape=cone, tasks=lambda: _around(2.0, from_opposite=True))
+HILL = Formula(shape=hill, tasks=lambda: _up((-2.6, 0.0), _spread(15, 0.5)))
+PIT = Formula(shape=pit(5.0), tasks=_out_of_the_pit)
+PIT_84 = Formula(shape=pit(10.0), spacing_m=0.025, tasks=_out_of_the_pit)
+PIT_87 = Formula(shape=pit(20.0), spacing_m=0.025, tasks=_out_of_the_pit)
+TERRAINS: Registry[Formula | HeightField | Shape] = Registry(
     "terrain",
     "stancekit.terrains",
     {
@@ -111,22 +126,22 @@ TERRAINS: Registry[Terrain | HeightField | Shape] = Registry(
         "pit-84": f"{__name__}:PIT_84",
         "pit-87": f"{__name__}:PIT_87",
     },
-    expected="a height field, a Terrain, or a function of x and y",
-    accepts=lambda thing: isinstance(thing, Terrain | HeightField) or takes(thing, 2),
+    expected="a height field, a Formula, or a function of x and y",
+    accepts=lambda thing: isinstance(thing, Formula | HeightField) or takes(thing, 2),
 )
 """Terrains by name, those of paper W (Fig. 3) first; the walls of the pits: 79°, 84° and 87°."""
 
 
-def _formula(name: str) -> Terrain | HeightField:
+def _formula(name: str) -> Formula | HeightField:
     """What stands behind a name, a plain function as a formula. Raises InvalidInput."""
     found = TERRAINS.get(name)
-    return found if isinstance(found, Terrain | HeightField) else Terrain(shape=found)
+    return found if isinstance(found, Formula | HeightField) else Formula(shape=found)
 
 
 def reference_terrain(name: str) -> HeightField:
     """The terrain of a name in ``TERRAINS``, or of ``FILE.py:NAME``, over [−4, 4]² m unless it is a height field.
 
-    Behind a name stands a ``HeightField``, a ``Terrain``, or a function h(x, y) of arrays that gives heights [m].
+    Behind a name stands a ``HeightField``, a ``Formula``, or a function h(x, y) of arrays that gives heights [m].
     Raises InvalidInput for another name, and for a formula that is finer than its spline can hold.
 
     >>> reference_terrain("ripple").height(np.zeros(2))
@@ -136,7 +151,7 @@ def reference_terrain(name: str) -> HeightField:
     if isinstance(found, HeightField):
         return found
     return HeightField.from_function(
-        found.shape, HALF_WIDTH_M, found.spacing_m, name=name, tolerance_m=REFERENCE_TOLERANCE_M
+        found.shape, float(WIDE[1, 0]), found.spacing_m, name=name, tolerance_m=REFERENCE_TOLERANCE_M
     )
 
 
@@ -154,127 +169,54 @@ def _spread(count: int, radius_m: float) -> Array:
     return np.stack([radii * np.cos(turns), radii * np.sin(turns)], axis=1)
 
 
-def _rough(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Smooth noise of .5 m wavelength, up to 8 cm deviation."""
-    return _noise(0.08 * difficulty, 0.18, rng)
-
-
-def _waves(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Five wave trains in random directions, .8–2.4 m long, up to 25° steep each."""
-    turns, phases = rng.uniform(0.0, 2.0 * np.pi, (2, 5))
-    k = 2.0 * np.pi / rng.uniform(0.8, 2.4, 5)
-    rise = np.tan(np.deg2rad(25.0)) * difficulty * rng.uniform(0.2, 0.6, 5) / k
-    along = np.stack([np.cos(turns), np.sin(turns)])
-    return lambda x, y: np.asarray(np.sin(k * (np.stack([x, y], axis=-1) @ along) + phases) @ rise)
-
-
-def _stairs(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Straight stairs up and down through the domain, steps up to 22 cm, edges rounded over 10 cm."""
-    turn, tread = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 0.8)
-    edges = LEVEL_M + 0.1 + tread * np.arange(int((HALF_WIDTH_M * 1.5) / tread))
-    steps = 0.22 * difficulty * rng.uniform(0.7, 1.0, len(edges)) * rng.choice([1.0, 1.0, -1.0], len(edges))
-
-    def shape(x: Array, y: Array) -> Array:
-        along = np.abs(np.cos(turn) * x + np.sin(turn) * y)
-        return sum(
-            (s * 0.5 * (1.0 + np.tanh((along - e) / 0.06)) for s, e in zip(steps, edges, strict=True)),
-            start=np.zeros_like(x),
-        )
-
-    return shape
-
-
-def _stones(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Stepping stones, tops within 5 cm of level, in a moat up to 40 cm deep; harder ones are smaller."""
-    pitch, depth = 0.7, 0.4 * difficulty
-    lattice = pitch * np.arange(-7, 8)
-    centres = np.stack(np.meshgrid(lattice, lattice, indexing="ij"), axis=-1).reshape(-1, 2)
-    centres = centres + rng.uniform(-0.08, 0.08, centres.shape)
-    radii = rng.uniform(0.36, 0.42, len(centres)) - 0.12 * difficulty
-    tops = depth + 0.05 * difficulty * rng.uniform(-1.0, 1.0, len(centres))
-
-    def shape(x: Array, y: Array) -> Array:
-        height = np.full(x.shape, -depth)
-        for (cx, cy), radius, top in zip(centres, radii, tops, strict=True):
-            height += top * 0.5 * (1.0 - np.tanh((np.hypot(x - cx, y - cy) - radius) / 0.07))
-        return height
-
-    return shape
-
-
-def _ramps(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Planes up to 35° steep that meet in rounded ridges and valleys."""
-    turns, levels = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(0.8, 2.0, 3)
-    slopes = np.tan(np.deg2rad(35.0)) * difficulty * rng.uniform(0.4, 1.0, 3) * rng.choice([-1.0, 1.0], 3)
-
-    def shape(x: Array, y: Array) -> Array:
-        height = np.zeros_like(x)
-        for turn, level, slope in zip(turns, levels, slopes, strict=True):
-            beyond = np.cos(turn) * x + np.sin(turn) * y - level
-            height += 0.5 * slope * (beyond + np.sqrt(beyond**2 + 0.15**2))
-        return height
-
-    return shape
-
-
-FAMILIES: Registry[Callable[[float, np.random.Generator], Shape]] = Registry(
-    "family", "stancekit.height_families",
-    {"rough": _rough, "stairs": _stairs, "stones": _stones, "waves": _waves, "ramps": _ramps},
-    expected="a function of a difficulty and a generator", accepts=lambda it: takes(it, 2),
-)  # fmt: skip
-"""Random terrains by name: a function of a difficulty in [0, 1] and a generator gives h of x and y [m]."""
-
-
-def random_terrain(family: str, difficulty: float, rng: np.random.Generator) -> HeightField:
-    """A terrain drawn from a family; difficulty in [0, 1], 0 is level ground. Raises InvalidInput.
-
-    family: a name in ``FAMILIES``, or FILE.py:NAME. Within LEVEL_M of the origin it is level, whatever the family says.
-    """
-    hard = checked(difficulty, "terrain: difficulty", least=0.0, most=1.0)
-    shape = FAMILIES.get(family)(hard, rng)
-    if not takes(shape, 2):
-        raise InvalidInput(f"family {family}: expected a function of x and y, got {shown(shape)}")
-
-    def levelled(x: Array, y: Array) -> Array:
-        share = np.clip((np.hypot(x, y) - LEVEL_M) / LEVEL_M, 0.0, 1.0)
-        return np.asarray(share**3 * (10.0 + share * (6.0 * share - 15.0)) * shape(x, y))
-
-    return HeightField.from_function(levelled, HALF_WIDTH_M, 0.05, name=f"{family}:{hard:g}", tolerance_m=0.01)
-
-
-def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Shape:
-    """White noise under a Gaussian of this length, as a function."""
-    spacing = 0.05
-    count = 2 * int(HALF_WIDTH_M / spacing) + 1
-    drawn = gaussian_filter(rng.standard_normal((count, count)), length_m / spacing)
-    field = HeightField.from_array(deviation_m / float(drawn.std()) * drawn, spacing)
-    return lambda x, y: field.height(np.stack([x, y], axis=-1))
-
-
 def named_terrain(name: str, options: ImportOptions = ImportOptions(), smooth_m: float = 0.0) -> HeightField:
-    """The terrain of a name: one of ``TERRAINS``, ``FILE.py:NAME``, a draw ``family:difficulty:seed`` as in
-    ``rough:0.5:7`` or ``mine.py:rolling:0.5:7``, or a file of heights.
+    """The heights of a name: one of ``TERRAINS``, ``FILE.py:NAME``, a draw FAMILY:LEVEL:SEED as in ``rough:0.5:7`` or
+    ``mine.py:rolling:0.5:7``, or a file of heights.
 
     options, smooth_m: of files, see ``terrain_file.read_heights``. Raises InvalidInput.
     """
-    family, numbers = split_name(name)
-    own = family.endswith(".py") or ".py:" in family
-    if name in TERRAINS.names() or (own and not numbers):
-        return reference_terrain(name)
-    if own or (family in FAMILIES.names() and not Path(name).exists()):
-        try:
-            hard, drawn = numbers
-            difficulty, seed = float(hard), int(drawn)
-        except ValueError:
-            like = f"{family}:DIFFICULTY:SEED as in {family}:0.5:7"
-            raise InvalidInput(f"terrain: expected {like}, got {name!r}") from None
-        if not 0 <= seed < 2**63:
-            raise InvalidInput(f"terrain: expected a seed of 0 or more, got {seed}")
-        field = random_terrain(family, difficulty, np.random.Generator(np.random.PCG64(seed)))
-        return HeightField(field.x_m, field.y_m, field.heights_m, name)
+    if names_ground(name):
+        if not drawn_name(name):
+            return reference_terrain(name)
+        family, level, seed = read_draw(name, "terrain")
+        return random_heights(family, level, checked_draw(family, level, seed), name)
     if not Path(name).exists():
+        known = ", ".join(each for each in TERRAIN_FAMILIES.names() if each != "walls")
         raise InvalidInput(
             f"terrain: expected a file, one of {', '.join(TERRAINS.names())}, FILE.py:NAME, "
-            f"or FAMILY:DIFFICULTY:SEED with {', '.join(FAMILIES.names())}, got {name!r}"
+            f"or FAMILY:LEVEL:SEED with {known}, got {name!r}"
         )
     return read_heights(name, options, smooth_m=smooth_m)
+
+
+def names_ground(name: str) -> bool:
+    """Whether a name is that of a ground, and of no file: in ``TERRAINS``, a draw, or ``FILE.py:NAME``."""
+    family = split_name(name)[0]
+    own = family.endswith(".py") or ".py:" in family
+    return name in TERRAINS.names() or own or (drawn_name(name) and not Path(name).exists())
+
+
+def named_ground(name: str) -> Terrain:
+    """A ground by its name, with the patches about the place where courses over it begin. Raises InvalidInput."""
+    if drawn_name(name):
+        return family_terrain(*read_draw(name, "terrain"))
+    return of_heights(named_terrain(name), FRICTION, np.zeros(3), SCENE)
+
+
+def named_surface(name: str) -> TriangleMesh | ElevationMap:
+    """What footholds of a named ground are looked for on: its patches, or a map of its heights. Raises InvalidInput."""
+    if drawn_name(name):
+        patches = drawn_surface(*read_draw(name, "terrain"))
+        if patches is not None:
+            return TriangleMesh.of_patches(patches, name)
+    return ElevationMap.of_field(named_terrain(name))
+
+
+if not TYPE_CHECKING:  # checkers read what is there today
+
+    def __getattr__(name: str) -> object:
+        """``Formula`` under the name that plug-ins had for it. Raises AttributeError for any other name."""
+        if name != "Terrain":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        warnings.warn(f"{__name__}.Terrain is old: {__name__}.Formula", DeprecationWarning, stacklevel=2)
+        return Formula

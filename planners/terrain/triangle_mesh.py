@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,8 @@ from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M
 from .import_options import ImportOptions
 from .inside_out import inside_out
+from .obstacles import fan
+from .patch import Patch
 
 WELD_M = 1e-6
 """Corners closer than this are one [m]: STL files have no others."""
@@ -56,6 +59,13 @@ class TriangleMesh:
                 "that is inside out; turn its normals, or crop the ceiling off a room"
             )
         return cls(corners_m=corners, triangles=triangles, name=name)
+
+    @classmethod
+    def of_patches(cls, patches: Sequence[Patch], name: str) -> TriangleMesh:
+        """Patches as triangles whose corners turn about their normals."""
+        corners = np.concatenate([fan(patch) for patch in patches]).reshape(-1, 3)
+        welded = _welded(corners, np.arange(len(corners)).reshape(-1, 3))
+        return cls(corners_m=welded[0], triangles=welded[1], name=name)
 
     @property
     def spread_m(self) -> Array:

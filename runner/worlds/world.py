@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal, Protocol, Self, runtime_checkable
 
-import numpy as np
-
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.ground import Ground as Ground
 from stancekit.planners.terrain.prism import Solid
 
 from ..safety.latch import StopLatch
@@ -43,24 +41,6 @@ class State:
     forces_n: Array
     bump_n: float
     sent_rad: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ground:
-    """Terrain as heights, with one friction coefficient."""
-
-    heights: HeightField
-    friction: float
-
-    def distance(self, points: Array) -> Array:
-        """From the ground, along its normal where it is even, shape (…, 3) [m] → (…); negative inside."""
-        xy = points[..., :2]
-        return np.asarray((points[..., 2] - self.heights.height(xy)) * self.heights.normal(xy)[..., 2])
-
-    def even(self, spacing_m: float) -> tuple[Array, Array, Array]:
-        """Its heights on even grid lines at most so far apart: x, y and heights, shape (n,), (m,), (n, m) [m]."""
-        x, y = (np.linspace(a, b, int(np.ceil((b - a) / spacing_m)) + 1) for a, b in self.heights.domain_m)
-        return x, y, self.heights.height(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
 
 
 Solids = Sequence[Solid | Ground]

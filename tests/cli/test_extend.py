@@ -194,7 +194,7 @@ def test_a_distribution_in_yaml_is_the_built_in_one_with_its_own_numbers(stancek
     [
         (
             "terrain: moon\nlegs: [RF]\nfriction: [0, 1]\n",
-            "d.yaml: terrain: expected ground, wall, or a terrain's file, got 'moon'",
+            "d.yaml: terrain: expected ground, wall, or a terrain's file or name, got 'moon'",
         ),
         ("terrain: wall\nlegs: [XX]\nfriction: [0, 1]\n", "d.yaml: leg: expected one of LF, LM"),
         ("terrain: wall\nlegs: [RF]\nfriction: [2, 1]\n", "d.yaml: friction: expected 0 ≤ low ≤ high, got 2 and 1"),
@@ -401,10 +401,13 @@ def scattered(level, rng):
         (("solve", "p.json", "--method", "own.py:plans"), "method own.py:plans: expected something to call with Plann"),
         (("plan", "walls", "--planner", "own.py:plans"), "planner own.py:plans: expected something to call with Plann"),
         (("fit", "data", "--method", "own.py:plans", "--out", "e.json"), "method own.py:plans: expected a function "),
-        (("plan", "own.py:scattered:0.5"), "family own.py:scattered: expected a FamilyTerrain or a list of patches,"),
+        (("plan", "own.py:scattered:0.5"), "family own.py:scattered: expected a Terrain, a list of patches or a "),
         (("plan", "own.py:plans:0.5"), "family own.py:plans: expected a Family, or a function of a level and a gener"),
-        (("warp", "own.py:scattered:0.5:1"), "family own.py:scattered: expected a function of x and y, got 3"),
-        (("warp", "own.py:plans"), "terrain own.py:plans: expected a height field, a Terrain, or a function of x and "),
+        (
+            ("warp", "own.py:scattered:0.5:1"),
+            "family own.py:scattered: expected a Terrain, a list of patches or a function of x and y, got 3",
+        ),
+        (("warp", "own.py:plans"), "terrain own.py:plans: expected a height field, a Formula, or a function of x and "),
     ],
 )
 def test_what_a_file_of_ones_own_does_wrong_is_one_line(arguments, words, refusal, write, problem, labelled):

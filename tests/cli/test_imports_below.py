@@ -38,7 +38,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         TOOL: ("learners.evaluation", "planners.formats.plan_file"), DRAWS: ("views.plans", "views.sheet"),
     },
     "between": {
-        CHOICES: ("planners.terrain.import_options", "planners.problem.course_file"),
+        CHOICES: ("planners.terrain.import_options", "planners.problem.course_file", "planners.terrain.reference"),
         LATER: ("planners.problem.course_between", "planners.problem.file_terrain", "planners.robot.reach_file",
                 "planners.robot.robot_file", "planners.terrain.footholds"),
     },
@@ -77,7 +77,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "plan_table": {LATER: ("planners.verify",)},
     "play": {
-        CHOICES: ("planners.plugins", "planners.problem.course_file", "planners.problem.family_scene",
+        CHOICES: ("planners.problem.course_file", "planners.terrain.families",
                   "planners.terrain.import_options", "planners.terrain.reference"),
         TOOL: ("views.playground.between_scenario", "views.playground.fixed_scenario",
                "views.playground.keys_scenario", "views.playground.serving", "views.playground.walk_scenario"),

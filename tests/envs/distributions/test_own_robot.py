@@ -19,11 +19,13 @@ from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.robot.contact_robot import standing_toes
 from stancekit.planners.robot.reach import ReachRows
 from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.terrain.reference import named_terrain
 from tests.planners.robot.small_urdfs import leg, quadruped, robot
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("trimesh")
 
+GROUNDS = ["stairs:0.3:7", "rough:0.3:7", "ripple"]
 PLANE = "v -2 -2 {0}\nv 2 -2 {1}\nv 2 2 {1}\nv -2 2 {0}\nf 1 2 3\nf 1 3 4\n"
 
 
@@ -252,3 +254,25 @@ def test_a_leg_of_two_joints_is_refused(tmp_path: Path) -> None:
 def test_other_legs_of_the_paper_are_still_refused_by_name() -> None:
     with pytest.raises(InvalidInput, match="leg: expected one of LF"):
         replace(DISTRIBUTIONS["wall-3"], legs=("RF", "tail")).sample(np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("ground", GROUNDS)
+def test_scenes_are_cut_from_a_ground_by_its_name_and_are_those_of_its_surface(ground):
+    """Turned back about the body, corners of patches are as far apart in height as the ground is there: places are its
+    own, and the data set is named after it."""
+    drawn = distribution("terrain-3", terrain=ground)
+    assert drawn.name == f"terrain-3-on-{ground.replace(':', '-')}"
+    field = named_terrain(ground)
+    places = drawn.places.points_m[field.contains(drawn.places.points_m[:, :2])]
+    off = np.abs(field.height(places[:, :2]) - places[:, 2])
+    assert np.quantile(off, 0.5) < 1e-3
+    problem = drawn.sample(np.random.default_rng(0))
+    assert len(problem.contacts) == 3
+
+
+def test_a_distribution_in_a_file_names_a_ground_and_no_file_that_would_be_run(tmp_path):
+    (tmp_path / "d.yaml").write_text("terrain: rough:0.3:7\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n")
+    assert distribution(str(tmp_path / "d.yaml")).name.endswith("-on-rough-0.3-7")
+    (tmp_path / "d.yaml").write_text("terrain: mine.py:bump\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n")
+    with pytest.raises(InvalidInput, match=r"d\.yaml: terrain: expected ground, wall, or .*, got 'mine\.py:bump'$"):
+        distribution(str(tmp_path / "d.yaml"))

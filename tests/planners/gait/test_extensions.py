@@ -106,7 +106,7 @@ def test_the_environment_chooses_among_charts_and_terrains_of_ones_own(files: Pa
     [
         (lambda: CHARTS.get("mine.py:NoChart"), "chart mine.py:NoChart: expected a class of charts, as those in "),
         (lambda: GaitSettings(chart="polar"), "chart: expected one of ambient, shear, decoupled, warped, "),
-        (lambda: TERRAINS.get("ground.py:number"), "terrain ground.py:number: expected a height field, a Terrain, or "),
+        (lambda: TERRAINS.get("ground.py:number"), "terrain ground.py:number: expected a height field, a Formula, or "),
         (lambda: named_terrain("ground.py"), "terrain: expected FILE.py:NAME, got no name after ground.py"),
     ],
 )

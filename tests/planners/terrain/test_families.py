@@ -14,10 +14,29 @@ from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.terrain.families import TERRAIN_FAMILIES, VOID_M, family_terrain
+from stancekit.planners.terrain.families import (
+    SCENE,
+    SCENES,
+    SMOOTH,
+    TERRAIN_FAMILIES,
+    WIDE,
+    family_terrain,
+    read_draw,
+)
+from stancekit.planners.terrain.foothold_search import footholds_of
+from stancekit.planners.terrain.footholds import ROUGHNESS_M
+from stancekit.planners.terrain.polygon import half_planes, nearest
+from stancekit.planners.terrain.reference import named_surface, named_terrain
+from stancekit.planners.terrain.rounding import ROUND_M, SLOPE, SPACING_M
+from stancekit.planners.terrain.terrain import UPRIGHT, VOID_M
 from stancekit.planners.verify import check_certificate, check_plan
 
 FAMILIES = TERRAIN_FAMILIES.names()
+
+
+def lines(spacing):
+    """Grid lines over a scene, along x and y [m]."""
+    return [np.arange(a, b + 1e-9, spacing) for a, b in SCENE.T[:2]]
 
 
 @pytest.fixture(scope="module")
@@ -80,19 +99,20 @@ def test_walls_have_no_footing_just_where_one_is_out_of_reach_of_a_corner_leg():
 
 @pytest.mark.parametrize("family", ["gaps", "beams"])
 def test_harder_gaps_and_beams_have_less_to_stand_on_and_nothing_else(family):
-    _, _, easy = family_terrain(family, 0.3, 1).heights(0.05)
-    _, _, hard = family_terrain(family, 0.7, 1).heights(0.05)
+    easy, hard = (family_terrain(family, level, 1).grid(*lines(0.05)) for level in (0.3, 0.7))
     assert np.all((hard == easy) | (hard == VOID_M))
     assert (hard == VOID_M).sum() > (easy == VOID_M).sum()
 
 
 def test_what_a_scene_is_made_of_is_what_its_figures_say():
     stairs = family_terrain("stairs", 0.4, 2)
-    x, y, heights = stairs.heights(0.01)
+    x, y = lines(0.01)
+    heights = stairs.grid(x, y)
     jumps = np.diff(heights[:, len(y) // 2])
     np.testing.assert_allclose(jumps[np.abs(jumps) > 1e-9], 0.2)
     slope = family_terrain("slopes", 0.5, 2)
-    x, y, heights = slope.heights(0.05)
+    x, y = lines(0.05)
+    heights = slope.grid(x, y)
     np.testing.assert_allclose(heights, np.tan(0.4) * x[:, None] * np.ones(len(y)), atol=1e-12)
     stones = family_terrain("stones", 0.5, 2)
     sides = [np.ptp(patch.vertices_m[:, :2], axis=0) for patch in stones.patches]
@@ -150,5 +170,103 @@ def test_a_level_outside_0_to_1_is_refused(level):
 
 
 def test_walls_are_no_height_field():
-    with pytest.raises(InvalidInput, match="heights: expected a family with ground"):
-        family_terrain("walls", 0.5, 0).heights()
+    assert family_terrain("walls", 0.5, 0).heights is None
+    with pytest.raises(InvalidInput, match=r"^terrain: expected ground to walk on, got walls, whose surfaces are up"):
+        named_terrain("walls:0.5:0")
+
+
+def under(pieces, rng, count=20):
+    """Places at random under every patch that faces up, shape (K, 3) [m], and how far each is from its border [m]."""
+    places, borders = [], []
+    for patch in pieces:
+        if patch.normal[2] < UPRIGHT:
+            continue
+        corners = patch.vertices_m
+        at = rng.dirichlet(np.ones(len(corners)), count) @ corners
+        normals, offsets = half_planes(corners[:, :2])
+        places.append(at)
+        borders.append((offsets - at[:, :2] @ normals.T).min(axis=1))
+    return np.concatenate(places), np.concatenate(borders)
+
+
+def below_an_edge(places, patches):
+    """Which places are where something higher falls off, within its drop over SLOPE, a radius and two grid lines."""
+    found = np.zeros(len(places), dtype=bool)
+    for patch in patches:
+        if patch.normal[2] < UPRIGHT:
+            continue
+        on = nearest(patch.vertices_m[:, :2], places[:, :2])
+        top = patch.centre_m[2] - (on - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+        away = np.linalg.norm(places[:, :2] - on, axis=1)
+        drop = top - places[:, 2]
+        found |= (drop > 1e-6) & (away < drop / SLOPE + ROUND_M + 2.0 * SPACING_M)
+    return found
+
+
+@pytest.mark.parametrize("family", [name for name in SCENES if name != "walls"])
+def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
+    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 20 draws, levels from 0.05 to 1."""
+    rng, looked = np.random.default_rng(0), 0
+    for seed in range(20):
+        level = (seed + 1) / 20
+        scene, whole = family_terrain(family, level, seed), family_terrain(family, level, seed, WIDE)
+        places, borders = under(scene.patches, rng)
+        kept = ~below_an_edge(places, whole.patches)
+        off = np.abs(scene.heights.height(places[:, :2]) - places[:, 2])[kept]
+        assert off.max(initial=0.0) < 8e-3, (seed, off.max())
+        assert off[borders[kept] > 0.05].max(initial=0.0) < 1e-3, (seed, off[borders[kept] > 0.05].max())
+        looked += len(off)
+    assert looked > 300
+
+
+@pytest.mark.parametrize("family", SMOOTH)
+def test_patches_of_smooth_ground_keep_to_its_heights(family):
+    """Footholds are planes within three times the roughness of a foothold, 18 mm; 20 draws."""
+    rng, looked = np.random.default_rng(0), 0
+    for seed in range(20):
+        scene = family_terrain(family, (seed + 1) / 20, seed)
+        if not scene.footholds:
+            continue
+        places, _ = under(scene.footholds, rng)
+        off = np.abs(scene.heights.height(places[:, :2]) - places[:, 2])
+        assert off.max() < 3.0 * ROUGHNESS_M, (seed, off.max())
+        looked += len(off)
+    assert looked > 300
+
+
+@pytest.mark.parametrize("family", [*SCENES, *SMOOTH])
+def test_the_ground_about_a_start_is_part_of_all_the_ground(family):
+    scene, whole = family_terrain(family, 0.4, 3), family_terrain(family, 0.4, 3, WIDE)
+    assert (scene.figures, scene.rise) == (whole.figures, whole.rise)
+    if family in SMOOTH:
+        np.testing.assert_array_equal(scene.heights.heights_m, whole.heights.heights_m)
+        return
+    if family in ("stones", "rubble"):
+        theirs = {patch.vertices_m.tobytes() for patch in whole.patches}
+        assert {patch.vertices_m.tobytes() for patch in scene.patches} <= theirs
+    x, y = lines(0.05)
+    if family != "walls":
+        inside = scene.grid(x[1:-1], y[1:-1])
+        np.testing.assert_allclose(whole.grid(x[1:-1], y[1:-1]), inside, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["stairs:0.3:7", "stones:0.2:7", "rubble:0.2:1", "rough:0.4:7", "ramps:0.5:3"])
+def test_a_name_is_one_ground_for_key_frames_walks_and_footholds(name):
+    family, level, seed = read_draw(name, "course")
+    scene, walked = family_terrain(family, level, seed), named_terrain(name)
+    np.testing.assert_array_equal(walked.heights_m, scene.heights.heights_m)
+    course = read_course(name)
+    assert [patch.vertices_m.tolist() for patch in course.terrain] == [p.vertices_m.tolist() for p in scene.patches]
+    places, _ = under([piece.patch for piece in footholds_of(named_surface(name)).pieces], np.random.default_rng(0), 4)
+    places = places[walked.contains(places[:, :2])]  # stones go on over the end of the heights
+    if family in SCENES:
+        places = places[~below_an_edge(places, family_terrain(family, level, seed, WIDE).patches)]
+    assert np.abs(walked.height(places[:, :2]) - places[:, 2]).max() < (8e-3 if family in SCENES else 18e-3)
+
+
+@pytest.mark.parametrize(("old", "new"), [("stairs-spline", "stairs"), ("stones-spline", "stones")])
+def test_the_ground_that_walks_had_is_there_under_its_old_name_for_a_release(old, new):
+    with pytest.warns(DeprecationWarning, match=f"^{old} is what walks had as {new}, for one more release: "):
+        field = named_terrain(f"{old}:0.5:7")
+    assert np.ptp(field.heights_m) == pytest.approx({"stairs": 0.3872, "stones": 0.3662}[new], abs=1e-4)
+    assert old not in TERRAIN_FAMILIES.names()

@@ -11,6 +11,8 @@ from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
 from stancekit.planners.terrain.footholds import FootholdLimits
 from stancekit.planners.terrain.obstacles import Obstacles
+from stancekit.planners.terrain.polygon import surface_patch
+from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
 trimesh = pytest.importorskip("trimesh")
 PLAIN = FootholdLimits(margin_m=0.0, width_m=1e-3)
@@ -158,3 +160,21 @@ def test_no_plane_lies_over_a_step_of_a_noisy_map():
     assert max(np.arccos(piece.patch.normal[2]) for piece in found.pieces) < 0.02
     rough = footholds_of(ground, FootholdLimits(noise_m=0.002, roughness_m=0.01))
     assert max(np.arccos(piece.patch.normal[2]) for piece in rough.pieces) > 0.3
+
+
+def islands(step):
+    """Twenty square sheets in a row, each so much higher than the one before it [m]."""
+    squares = np.array([(0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.2, 0.2, 0.0), (0.0, 0.2, 0.0)])
+    sheets = [surface_patch(squares + np.array([0.3 * k, 0.0, step * k]), 0.8) for k in range(20)]
+    return sheets, footholds_of(TriangleMesh.of_patches(sheets, "islands"), PLAIN)
+
+
+def test_islands_are_of_one_plane_only_as_far_as_each_fits_it():
+    """Sheets that rise by 0.15 mm each are pairwise of one plane, and 2.85 mm from end to end are not."""
+    sheets, found = islands(1.5e-4)
+    assert found.refused_m2["inside"] == 0.0  # the higher one of a plane is not above the lower one
+    assert found.area_m2 == pytest.approx(20 * 0.04, rel=1e-6)
+    for piece in found.pieces:
+        middle = piece.patch.centre_m
+        assert abs(middle[2] - sheets[int(middle[0] / 0.3)].centre_m[2]) < 2.1e-4
+    assert len({piece.surface for piece in islands(0.0)[1].pieces}) == 1

@@ -1,0 +1,54 @@
+"""Ground that is given by heights: solid below, with one friction coefficient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cached import cached_property
+from ..files.arrays import Array
+
+if TYPE_CHECKING:
+    from .heightfield import HeightField  # splines are slow to import
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Heights that are solid below. friction: Coulomb coefficient of all of it."""
+
+    heights: HeightField
+    friction: float = 1.0
+    name: ClassVar[str] = "the ground"
+
+    @cached_property
+    def _spline(self) -> tuple[Array, tuple[Array, Array]]:
+        """Control points and knots of the heights."""
+        (control,), knots = self.heights.spline
+        return control, knots
+
+    def near(self, low: Array, high: Array) -> NDArray[np.bool_]:
+        """Which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its control points. Shape (S,)."""
+        control, each = self._spline
+        (x0, x1), (y0, y1) = (
+            [np.clip(np.searchsorted(knots, at[:, k], side="right") - 4, 0, len(knots) - 8) for at in (low, high)]
+            for k, knots in enumerate(each)
+        )
+        tops = [control[a : b + 4, c : d + 4].max() for a, b, c, d in zip(x0, x1, y0, y1, strict=True)]
+        return np.asarray(low[:, 2] < np.array(tops))
+
+    def depth(self, points: Array) -> Array:
+        """How deep points are in it, along the normal where it is even, negative above, shape (…, 3) to (…) [m]."""
+        height, slope = self.heights.height_and_gradient(points[..., :2])
+        return np.asarray((height - points[..., 2]) / np.sqrt(1.0 + np.vecdot(slope, slope)))
+
+    def distance(self, points: Array) -> Array:
+        """How far points are from it, along the normal where it is even, negative inside, shape (…, 3) to (…) [m]."""
+        return -self.depth(points)
+
+    def even(self, spacing_m: float) -> tuple[Array, Array, Array]:
+        """Its heights on even grid lines at most so far apart: x, y and heights, shape (n,), (m,), (n, m) [m]."""
+        x, y = (np.linspace(a, b, int(np.ceil((b - a) / spacing_m)) + 1) for a, b in self.heights.domain_m)
+        return x, y, self.heights.height(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
