@@ -132,7 +132,7 @@ def verify(
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
-        >>> posture = stancekit.solve(problem).posture
+        >>> posture = stancekit.solve(problem).solution
         >>> stancekit.verify(problem, posture).accepted
         True
     """

@@ -74,7 +74,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         docs/formats.md.
     Example:
         >>> import stancekit
-        >>> stancekit.save(stancekit.plan("stairs", frames=2).plan, "climb.json")
+        >>> stancekit.save(stancekit.plan("stairs", frames=2).solution, "climb.json")
         >>> stancekit.load("climb.json", stancekit.Plan).course.name
         'stairs'
     """

@@ -56,7 +56,7 @@ def draw(
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
-        >>> figure = stancekit.draw(problem, stancekit.solve(problem).posture, caption="three limbs")
+        >>> figure = stancekit.draw(problem, stancekit.solve(problem).solution, caption="three limbs")
         >>> type(figure).__name__
         'Figure'
     """
@@ -100,7 +100,7 @@ def film(
         None: the motion as it is planned or measured.
     Example:
         >>> import stancekit
-        >>> stancekit.film(stancekit.plan("walls", frames=2).plan, "plan.mp4")  # doctest: +SKIP
+        >>> stancekit.film(stancekit.plan("walls", frames=2).solution, "plan.mp4")  # doctest: +SKIP
     """
     from stancekit.views.film import check_film
     from stancekit.views.video import write_video

@@ -21,7 +21,6 @@ import stancekit
 from stancekit.cli.main import parse, run
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.posture import Posture
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.proof_file import read_proof
 from stancekit.planners.problem import PostureProblem

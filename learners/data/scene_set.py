@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.answer.answer import Status
-
 from stancekit.planners.files.arrays import checked, checked_int
 from stancekit.planners.files.writing import check_new_folder, replaced
 from stancekit.planners.problem.candidates import NoFooting

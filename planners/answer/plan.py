@@ -37,7 +37,7 @@ class Plan:
         Paper E §IV-B, E11.
     Example:
         >>> import stancekit
-        >>> plan = stancekit.plan("walls", frames=3).plan
+        >>> plan = stancekit.plan("walls", frames=3).solution
         >>> plan.toes_at(0).shape, plan.posture(0).forces_n.shape[1]
         ((6, 3), 3)
     """

@@ -23,7 +23,7 @@ class FileCheck:
         docs/formats.md.
     Example:
         >>> import stancekit
-        >>> stancekit.save(stancekit.plan("stairs", frames=2).plan, "climb.json")
+        >>> stancekit.save(stancekit.plan("stairs", frames=2).solution, "climb.json")
         >>> check = stancekit.verify("climb.json")
         >>> check.kind, check.accepted
         ('plan', True)

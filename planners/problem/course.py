@@ -57,7 +57,7 @@ class Course:
         Paper E §IV-B, E11.
     Example:
         >>> import stancekit
-        >>> course = stancekit.plan("walls", frames=4).plan.course
+        >>> course = stancekit.plan("walls", frames=4).solution.course
         >>> course.frames, len(course.stances), course.robot.name
         (4, 7, 'hexapod')
     """

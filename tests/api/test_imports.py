@@ -37,7 +37,7 @@ def test_neither_the_import_nor_a_first_answer_loads_a_large_package(code: str) 
 
 
 def test_a_plan_of_a_climb_loads_no_large_package() -> None:
-    assert loaded_by("assert stancekit.plan('stairs', frames=2).plan is not None") == []
+    assert loaded_by("assert stancekit.plan('stairs', frames=2).solution is not None") == []
 
 
 def test_a_package_is_loaded_by_what_needs_it() -> None:

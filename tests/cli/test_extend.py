@@ -111,7 +111,7 @@ def bare(options):
 
     class Bare:
         def solve(self, course):
-            return stancekit.plan(course, stancekit.TwoStage(reserve=False)).plan
+            return stancekit.plan(course, stancekit.TwoStage(reserve=False)).solution
 
     return Bare()
 
@@ -128,7 +128,7 @@ class Dreamer:
 
         footholds = [replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.footholds]
         easy = replace(course, terrain=tuple(map(gripping, course.terrain)), footholds=tuple(footholds))
-        return stancekit.plan(easy, stancekit.TwoStage(reserve=False)).plan
+        return stancekit.plan(easy, stancekit.TwoStage(reserve=False)).solution
 
 
 def halves(level, rng):

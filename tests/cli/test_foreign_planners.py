@@ -75,7 +75,7 @@ class Tolerant(Planner):
 class Late(Planner):
     """Its posture is another one every other time that it is looked at."""
     def solve(self, problem):
-        found = ExactPlanner().solve(problem).posture
+        found = ExactPlanner().solve(problem).solution
         class Shifting(stancekit.Posture):
             def to_json(self):
                 return {**stancekit.Posture.to_json(self), "com_m": [0.0, 0.0, 9.0]}
@@ -88,7 +88,7 @@ class EasierCourse(Planner):
             return patch.with_friction(patch.friction + 3.0)
         puts = tuple(replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.footholds)
         rough = replace(course, terrain=tuple(map(gripping, course.terrain)), footholds=puts)
-        return TwoStageCoursePlanner().solve(changed(course, rough)).plan
+        return TwoStageCoursePlanner().solve(changed(course, rough)).solution
 '''
 GARBAGE = """
 import sys

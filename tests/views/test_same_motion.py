@@ -36,7 +36,7 @@ terrain: {{kind: stairs, friction: 0.7, first_m: 0.3, run_m: 0.4, rises_m: [0.04
 
 
 def planned(course: str | Path) -> Plan:
-    plan = stancekit.plan(course, frames=3 if course == "walls" else None).plan
+    plan = stancekit.plan(course, frames=3 if course == "walls" else None).solution
     assert isinstance(plan, Plan)
     return plan
 
@@ -104,7 +104,7 @@ def test_a_plan_that_the_runner_refuses_is_shown_on_the_path_that_it_stands_for(
 
 def test_a_leap_is_a_motion_whose_feet_land_where_it_says() -> None:
     leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
-    plan = stancekit.plan(leap).plan
+    plan = stancekit.plan(leap).solution
     assert isinstance(plan, LeapPlan)
     motion = streamed(plan)
     times = np.linspace(0.0, motion.duration_s, 200)

@@ -37,10 +37,10 @@ def plan(planner, course):
 
 def walked(planner, course, horizon):
     """The plans of all windows, the first of frame 0 alone."""
-    plans = [planner.solve(course_window(course, 0, 0)).plan]
+    plans = [planner.solve(course_window(course, 0, 0)).solution]
     for first in range(0, course.frames - 1, horizon):
         last = min(first + horizon, course.frames - 1)
-        plans.append(planner.solve(course_window(course, first, last, Standing.at_end(plans[-1]))).plan)
+        plans.append(planner.solve(course_window(course, first, last, Standing.at_end(plans[-1]))).solution)
     return plans
 
 
@@ -130,7 +130,7 @@ def test_one_limb_at_a_time_is_a_longer_way_to_the_same_footholds(planner, cours
     steps = np.diff(alone.com_nominal_m[1:5], axis=0)
     np.testing.assert_allclose(steps, np.tile(steps.mean(axis=0), (3, 1)), atol=1e-12)
     assert alone.steps.progress_m == pytest.approx(course.steps.progress_m / 3.0)
-    found = planner.solve(alone).plan
+    found = planner.solve(alone).solution
     assert found is not None
     assert check_plan(found).accepted
     assert {len(stance.limbs) for stance in alone.stances if 2 <= stance.frame <= 6} == {5}

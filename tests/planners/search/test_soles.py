@@ -112,7 +112,7 @@ def test_the_com_is_over_the_sole_and_nowhere_else(planner, direction, yaw):
 
 def test_forces_at_the_points_are_in_their_cones_and_add_up(planner):
     problem = on_one_sole(0.06, 0.4, 0.2)
-    posture = planner.solve(problem).posture
+    posture = planner.solve(problem).solution
     patch = problem.contacts[0].patch
     each = posture.point_forces_n[0] @ patch.frame
     assert np.all(np.hypot(each[:, 1], each[:, 2]) <= patch.friction * each[:, 0] + 1e-5)
@@ -124,7 +124,7 @@ def test_forces_at_the_points_are_in_their_cones_and_add_up(planner):
 @pytest.fixture(scope="module")
 def stood(planner):
     problem = on_one_sole(0.03, 0.4, 0.2)
-    return problem, planner.solve(problem).posture
+    return problem, planner.solve(problem).solution
 
 
 def forged(posture: Posture, **changes: np.ndarray) -> Posture:
