@@ -16,10 +16,12 @@ from stancekit.planners.problem.course_keys import MOST_EVERYWHERE
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.family_scene import family_keys
 from stancekit.planners.search.course_features import Features
-from stancekit.planners.terrain.families import SCENES, TERRAIN_FAMILIES, terrain_family
+from stancekit.planners.terrain.families import SMOOTH, TERRAIN_FAMILIES, terrain_family
 
 from .traverse import TraverseEnv
 
+POLYGONAL = tuple(name for name in TERRAIN_FAMILIES.names() if name not in SMOOTH)
+"""All families but the smooth ones of the package."""
 CORNERS = 8
 """Of a rectangle that is clipped to a square."""
 
@@ -37,8 +39,8 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
     episode that did.
 
     Arguments:
-        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME, those of polygons unless given; an
-            episode draws one.
+        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME, all but the smooth ones unless given;
+            an episode draws one.
         target: share of success at which a level stays, in (0, 1).
         step: of a level, in (0, 1].
         level: at the beginning.
@@ -56,7 +58,7 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
 
     def __init__(
         self,
-        families: Sequence[str] = SCENES,
+        families: Sequence[str] = POLYGONAL,
         *,
         target: float = 0.7,
         step: float = 0.1,

@@ -37,7 +37,7 @@ LEAST_M = 1e-3
 
 
 SCENE = np.array([(-0.8, -0.8, -np.inf), (1.1, 0.8, np.inf)])
-"""All that a robot about (0, 0, 0.2) that heads along x for 0.3 m could touch with legs of up to half a metre: a box."""
+"""All that a robot about (0, 0, 0.2) that heads along x for 0.3 m may touch with legs of up to half a metre: a box."""
 WIDE = np.array([(-4.0, -4.0, -np.inf), (4.0, 4.0, np.inf)])
 """All that walks go over: a box."""
 for _box in (SCENE, WIDE):

@@ -89,7 +89,7 @@ def test_what_is_no_ground_is_refused_in_one_line(asked, words, refusal):
 def test_a_curriculum_goes_over_smooth_ground_too():
     env = Curriculum(["rough", "ramps"], level=0.3)
     assert env.reset(seed=0)[1]["level"] == 0.3
-    assert Curriculum().levels.keys() == dict.fromkeys(families.SCENES).keys()
+    assert tuple(Curriculum().levels)[:7] == families.SCENES
 
 
 def test_a_function_of_x_and_y_is_a_family_for_key_frames_too(tmp_path, monkeypatch):

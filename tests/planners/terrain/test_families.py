@@ -25,7 +25,7 @@ from stancekit.planners.terrain.families import (
 )
 from stancekit.planners.terrain.foothold_search import footholds_of
 from stancekit.planners.terrain.footholds import ROUGHNESS_M
-from stancekit.planners.terrain.polygon import half_planes, nearest
+from stancekit.planners.terrain.polygon import STEEP, half_planes, nearest
 from stancekit.planners.terrain.reference import named_surface, named_terrain
 from stancekit.planners.terrain.rounding import ROUND_M, SLOPE, SPACING_M
 from stancekit.planners.terrain.terrain import UPRIGHT, VOID_M
@@ -270,3 +270,11 @@ def test_the_ground_that_walks_had_is_there_under_its_old_name_for_a_release(old
         field = named_terrain(f"{old}:0.5:7")
     assert np.ptp(field.heights_m) == pytest.approx({"stairs": 0.3872, "stones": 0.3662}[new], abs=1e-4)
     assert old not in TERRAIN_FAMILIES.names()
+
+
+@pytest.mark.parametrize(("family", "level"), [("rubble", 1.0), ("slopes", 1.0)])
+def test_blocks_and_slopes_of_more_than_45_degrees_have_heights(family, level):
+    scene = family_terrain(family, level, 3)
+    assert min(patch.normal[2] for patch in scene.patches) < STEEP
+    x, y = lines(0.05)
+    assert not np.any(scene.grid(x[1:-1], y[1:-1]) == VOID_M)
