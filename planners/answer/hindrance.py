@@ -29,6 +29,7 @@ def plan_hindrance(plan: Plan) -> str:
     if course.robot.model is not None:
         return ""
     try:
+        course.robot.check_legs()
         _ = hexapod_urdf(course.robot)
     except InvalidInput as error:
         return str(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, TypeVar
 
@@ -12,6 +13,7 @@ from pydantic import BaseModel, ConfigDict
 from ..errors import InvalidInput
 from ..files.arrays import read_only
 from ..files.validation import validated
+from ..robot.drawn_keys import DrawnLegsKeys, servo_to_json
 from ..robot.model import Limb, Robot
 from ..robot.model_json import ModelJson, model_from_json, model_to_json
 from ..robot.reach import ReachRows, RelativeReach
@@ -40,6 +42,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
             **_relative_to_json(course.robot),
             **({"identity": course.robot.identity} if course.robot.identity and course.robot.model is None else {}),
             **({} if course.robot.model is None else {"model": model_to_json(course.robot.model)}),
+            **_legs_to_json(course.robot),
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
@@ -119,9 +122,17 @@ def _robot(raw: _RobotJson) -> Robot:
         )
     except InvalidInput as error:
         raise InvalidInput(f"robot {raw.name}: relative_reach: {error}") from None
+    drawn = None if raw.legs is None else raw.legs.servo()
     return Robot(
-        name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity, relative_reach=relative
-    )
+        name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity, relative_reach=relative,
+        drawn=drawn,
+    )  # fmt: skip
+
+
+def _legs_to_json(robot: Robot) -> dict[str, Any]:
+    """The servo of drawn-up legs; nothing where the limbs say it, as those of the hexapod do."""
+    drawn = robot.drawn
+    return {} if drawn is None or replace(robot, drawn=None).drawn == drawn else {"legs": servo_to_json(drawn)}
 
 
 def _relative_to_json(robot: Robot) -> dict[str, Any]:
@@ -196,6 +207,7 @@ class _RobotJson(_Keys):
     identity: str = ""
     model: ModelJson | None = None
     relative_reach: list[_RelativeReachJson] = []
+    legs: DrawnLegsKeys | None = None
 
 
 class _PatchJson(_Keys):

@@ -43,13 +43,13 @@ class Kinematics:
     InvalidInput where pinocchio is not installed, and for a robot whose legs are not known.
     """
 
-    def __init__(self, robot: Robot, servo: Servo = Servo(), *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
+    def __init__(self, robot: Robot, servo: Servo | None = None, *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
         self._pin = pin = pinocchio()
-        self.robot, self.servo, self.gravity_m_s2 = robot, servo, gravity_m_s2
-        self.model = legged_model(robot, servo)
+        self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
+        self.model = legged_model(robot, self.servo)
         own, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
         self.joints, self.radii_m = self.model.joint_names, foot_radii(robot)
-        self.rotor_kg_m2 = rotor_kg_m2(robot, servo, self.model)
+        self.rotor_kg_m2 = rotor_kg_m2(robot, self.servo, self.model)
         self.lower_rad, self.upper_rad = (np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad"))
         self.torque_nm, self.velocity_rad_s = (
             np.array([getattr(j, name) for j in joints]) for name in ("torque_nm", "velocity_rad_s")

@@ -13,7 +13,8 @@ from ..physics import GRAVITY_M_S2
 from .leg_ik import limb_posture
 from .model import Limb, Robot, hexapod
 from .robot_model import RobotModel, model_of
-from .urdf import FOOT_RADIUS_M, JOINTS, LINKS, Servo, hexapod_urdf
+from .servo import JOINTS, Servo
+from .urdf import FOOT_RADIUS_M, LINKS, hexapod_urdf
 
 if TYPE_CHECKING:
     from .single_body import GaitRobot
@@ -25,14 +26,17 @@ OUTWARD, DOWN = 0.15 / 0.35, 0.2 / 0.35
 """Where the feet of legs that are drawn up stand, as shares of their reach."""
 
 
-def legged_model(robot: Robot, servo: Servo = Servo()) -> RobotModel:
-    """The robot's own model; for one without, the model of ``hexapod_urdf``, so that everything else asks here.
+def legged_model(robot: Robot, servo: Servo | None = None) -> RobotModel:
+    """The robot's own model, or that of ``hexapod_urdf`` for one whose legs are drawn up; everything else asks here.
 
-    servo: drives joints that are drawn up; what a robot's own file says of its joints holds without it. Raises
-    InvalidInput without pinocchio, and for a robot without a model whose legs cannot be drawn up (soles, half-spaces).
+    servo: drives joints that are drawn up, in place of the robot's own servo; what a robot's file says of its joints
+    holds without it. Raises InvalidInput without pinocchio, for a robot whose legs are not known, and for one whose
+    legs cannot be drawn up (soles, half-spaces).
     """
     if robot.model is not None:
         return robot.model
+    robot.check_legs()
+    servo = servo or robot.servo
     reaches = tuple((limb.name, limb.reach_m) for limb in robot.limbs)
     return _drawn_up(hexapod_urdf(robot, servo), robot.name, reaches)
 

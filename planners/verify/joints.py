@@ -140,13 +140,13 @@ def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, 
 
 
 def joint_report(
-    plan: Plan, servo: Servo = Servo(), *, reached_m: float = REACHED_M, solver: Kinematics | None = None
+    plan: Plan, servo: Servo | None = None, *, reached_m: float = REACHED_M, solver: Kinematics | None = None
 ) -> JointReport:
     """Joints of every key frame, torques of every stance. Raises InvalidInput without pinocchio.
 
-    servo: drives the joints of a robot without its own legs. reached_m: a foot farther than this from where it should
-    be is out of reach. solver: of the plan's robot, in place of one with this servo. A plan that says within which
-    torque it was made is held to that, where joints have more.
+    servo: drives the joints of drawn-up legs, in place of the robot's own. reached_m: a foot farther than this from
+    where it should be is out of reach. solver: of the plan's robot, in place of one with this servo. A plan that says
+    within which torque it was made is held to that, where joints have more.
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 
