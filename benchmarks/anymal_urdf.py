@@ -4,11 +4,12 @@
 
 Joints, link lengths and the masses of the legs are public figures of ANYmal B, those of the URDF of example-robot-data
 6.0.0 (anymal_b_simple_description, BSD-3-Clause), rounded: HAA .277 m ahead of the middle and .116 m beside it, HFE
-.0635 m farther and .041 m outward, thigh .25 m down and .109 m outward, foot .1 m and .298 m from the knee. Limits of
-HAA are those of ANYmal C in the same package (-.72 to .49 rad); HFE and KFE turn freely there, and here as far as the
-boxes need, knees inward. 80 Nm are that URDF's effort, 12 rad/s the speed of an ANYdrive (Hutter et al., ANYmal, 2016).
-Shapes are a box, cylinders and balls. The trunk has what is left of the mass, so that the robot weighs, and turns, as
-the YAML file says when its feet are where they stand there.
+.0635 m farther and .041 m outward, thigh .25 m down and .109 m outward, sole .1 m ahead of the knee and .329 m below
+it. Limits of HAA are those of ANYmal C in the same package (-.72 to .49 rad); HFE and KFE turn freely there, and here
+as far as the boxes need, knees inward. 80 Nm are that URDF's effort, 12 rad/s the speed of an ANYdrive (Hutter et al.,
+ANYmal, 2016). Shapes are a box, cylinders and balls. A foot is a ball of .02 m, there of .031 m: walks take feet for
+points, and a smaller ball rolls less while a leg turns over it. The trunk has what is left of the mass, so that the
+robot weighs, and turns, as the YAML file says when its feet are where they stand there.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from stancekit.planners.robot.single_body import GaitRobot
 ROBOTS = Path(__file__).resolve().parents[1] / "configs" / "robots"
 COM_M = np.array([-0.001, -0.001, -0.021])
 """Of the standing robot in the base's frame: hips of the YAML file are HAA less this."""
-RADIUS_M = 0.031
+RADIUS_M = 0.02
 MASSES = {"HIP": 1.425, "THIGH": 1.635, "SHANK": 0.327, "FOOT": 0.02}
 TORQUE_NM, SPEED_RAD_S = 80.0, 12.0
 JOINTS = ("HAA", "HFE", "KFE")
@@ -37,7 +38,9 @@ def leg_of(name: str) -> tuple[Array, Array, dict[str, tuple[float, float]]]:
     """Origins of joints and foot, each in the frame before it, shape (4, 3) [m]; side; limits by joint."""
     ahead, left = 1.0 if name[1] == "F" else -1.0, 1.0 if name[0] == "L" else -1.0
     side = np.array([ahead, left, 1.0])
-    places = np.array([[0.277, 0.116, 0.0], [0.0635, 0.041, 0.0], [0.0, 0.109, -0.25], [0.1, -0.02, -0.298]])
+    places = np.array(
+        [[0.277, 0.116, 0.0], [0.0635, 0.041, 0.0], [0.0, 0.109, -0.25], [0.1, -0.02, -0.309]]
+    )
     mirrored = {"HAA": left < 0.0, "HFE": ahead < 0.0, "KFE": ahead < 0.0}
     limits = {j: (-high, -low) if mirrored[j] else (low, high) for j, (low, high) in RANGES.items()}
     return places * side, side, limits
@@ -71,7 +74,9 @@ def rod(mass: float, along: Array, radius: float) -> Array:
 
 def numbers(values: Array, digits: int = 6) -> str:
     """Numbers in a row."""
-    return " ".join(f"{value:.{digits}g}" for value in np.where(np.abs(values) < 1e-12, 0.0, values))
+    return " ".join(
+        f"{value:.{digits}g}" for value in np.where(np.abs(values) < 1e-12, 0.0, values)
+    )
 
 
 def along(vector: Array) -> str:
@@ -80,13 +85,18 @@ def along(vector: Array) -> str:
     return numbers(np.array([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)]), 9)
 
 
-def link(name: str, mass: float, middle: Array, inertia: Array, shape: str, at: str, digits: int = 6) -> list[str]:
+def link(
+    name: str, mass: float, middle: Array, inertia: Array, shape: str, at: str, digits: int = 6
+) -> list[str]:
     """A link with one shape, which is seen and collides."""
-    entries = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia[np.triu_indices(3)], strict=True)
+    entries = zip(
+        ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia[np.triu_indices(3)], strict=True
+    )
     said = " ".join(f'{key}="{value:.{digits}g}"' for key, value in entries)
     return [
         f'  <link name="{name}">',
-        f'    <inertial><origin xyz="{numbers(middle, digits)}"/><mass value="{mass:.{digits}g}"/><inertia {said}/></inertial>',
+        f'    <inertial><origin xyz="{numbers(middle, digits)}"/><mass value="{mass:.{digits}g}"/>',
+        f"      <inertia {said}/></inertial>",
         f"    <visual><origin {at}/><geometry>{shape}</geometry></visual>",
         f"    <collision><origin {at}/><geometry>{shape}</geometry></collision>",
         "  </link>",
@@ -101,9 +111,11 @@ def main() -> None:
     for foot in walker.feet:
         places, side, limits = leg_of(foot.name)
         chain = chain_of(places)
-        wanted = foot.nominal_m + [0.0, 0.0, RADIUS_M] + COM_M
+        wanted = foot.nominal_m + COM_M + RADIUS_M * np.array([0.0, 0.0, 1.0])
         q = posture(chain, wanted, np.array([-0.1 * side[1], 0.7 * side[0], -1.0 * side[0]]))
-        assert all(low < angle < high for angle, (low, high) in zip(q, limits.values(), strict=True)), q
+        assert all(
+            low < angle < high for angle, (low, high) in zip(q, limits.values(), strict=True)
+        ), q
         turns, origins = (part[0] for part in chain.frames(q[None]))
         bodies = {
             "HIP": (places[1], 0.045), "THIGH": (places[2], 0.035), "SHANK": (places[3], 0.02),
@@ -120,7 +132,12 @@ def main() -> None:
             inertias.append(turns[i] @ inertia @ turns[i].T)
         ball = float(f"{0.4 * MASSES['FOOT'] * RADIUS_M**2:.6g}") * np.eye(3)
         lines += link(
-            f"{foot.name}_FOOT", MASSES["FOOT"], np.zeros(3), ball, f'<sphere radius="{RADIUS_M}"/>', 'xyz="0 0 0"'
+            f"{foot.name}_FOOT",
+            MASSES["FOOT"],
+            np.zeros(3),
+            ball,
+            f'<sphere radius="{RADIUS_M}"/>',
+            'xyz="0 0 0"',
         )
         masses.append(MASSES["FOOT"])
         middles.append(chain.feet(q[None])[0])
@@ -142,22 +159,38 @@ def main() -> None:
             "  </joint>",
         ]
     mass = walker.mass_kg - sum(masses)
-    middle = (walker.mass_kg * COM_M - sum(m * c for m, c in zip(masses, middles, strict=True))) / mass
+    middle = (
+        walker.mass_kg * COM_M - sum(m * c for m, c in zip(masses, middles, strict=True))
+    ) / mass
     inertia = walker.inertia_kgm2.copy()
-    for m, c, own in zip([*masses, mass], [*middles, middle], [*inertias, np.zeros((3, 3))], strict=True):
+    for m, c, own in zip(
+        [*masses, mass], [*middles, middle], [*inertias, np.zeros((3, 3))], strict=True
+    ):
         far = c - COM_M
         inertia -= own + m * (far @ far * np.eye(3) - np.outer(far, far))
     moments = np.linalg.eigvalsh(inertia)
-    assert moments[0] > 0.0 and moments[0] + moments[1] > moments[2], moments
+    assert moments[0] > max(0.0, moments[2] - moments[1]), moments
     print(f"trunk {mass:.6g} kg at {numbers(middle)}, moments {numbers(moments)}")
     size = numbers(2.0 * walker.trunk_half_m)
-    base = link("base", mass, middle, inertia, f'<box size="{size}"/>', f'xyz="{numbers(COM_M)}"', digits=12)
+    base = link(
+        "base", mass, middle, inertia, f'<box size="{size}"/>', f'xyz="{numbers(COM_M)}"', digits=12
+    )
     said = (__doc__ or "").split("\n\n", 2)
-    head = "\n".join(["<!-- ANYmal's legs for the boxes of anymal.yaml; benchmarks/anymal_urdf.py writes this file.", said[2].strip(), "-->"])
-    text = "\n".join(['<?xml version="1.0"?>', head, '<robot name="anymal">', *base, *lines, "</robot>", ""])
+    first = "<!-- Legs for the boxes of anymal.yaml; benchmarks/anymal_urdf.py writes this file."
+    head = f"{first}\n{said[2].strip()}\n-->"
+    text = "\n".join(
+        ['<?xml version="1.0"?>', head, '<robot name="anymal">', *base, *lines, "</robot>", ""]
+    )
     (ROBOTS / "anymal.urdf").write_text(text, encoding="utf-8")
-    state = ['<?xml version="1.0"?>', '<robot name="anymal">', '  <group_state name="standing" group="legs">', *stands]
-    (ROBOTS / "anymal.srdf").write_text("\n".join([*state, "  </group_state>", "</robot>", ""]), encoding="utf-8")
+    state = [
+        '<?xml version="1.0"?>',
+        '<robot name="anymal">',
+        '  <group_state name="standing" group="legs">',
+        *stands,
+    ]
+    (ROBOTS / "anymal.srdf").write_text(
+        "\n".join([*state, "  </group_state>", "</robot>", ""]), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -189,7 +189,7 @@ def _check_built_in(robot: GaitRobot) -> None:
     from ..robot.walker import BUILT_IN
 
     if robot.model is None and robot.name in BUILT_IN:
-        own = robot_to_json(BUILT_IN[robot.name]())
+        own = robot_to_json(replace(BUILT_IN[robot.name](), model=None))
         if other := first_difference(robot_to_json(robot), own):
             raise InvalidInput(f"expected the numbers of the built-in {robot.name}, got others: {other}")
 

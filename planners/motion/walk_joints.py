@@ -60,7 +60,7 @@ def walk_postures(trajectory: Trajectory) -> WalkPostures:
 
 def _model(trajectory: Trajectory) -> RobotModel:
     if trajectory.robot.model is None:
-        raise InvalidInput(f"robot {trajectory.robot.name}: expected one that has a model of its legs, got boxes")
+        raise InvalidInput(f"robot {trajectory.robot.name}: the walk has boxes alone, and no model of its legs")
     return trajectory.robot.model
 
 

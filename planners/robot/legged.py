@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from .leg_ik import limb_posture
-from .model import Limb, Robot, hexapod
+from .model import Limb, Robot, hexapod, no_legs
 from .robot_model import RobotModel, model_of
 from .servo import JOINTS, Servo
 from .urdf import FOOT_RADIUS_M, LINKS, hexapod_urdf
@@ -95,5 +94,5 @@ def walking_robot(robot: GaitRobot) -> Robot:
     shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
     same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
     if not same or not all(np.allclose(foot.hip_m, shoulders[foot.name]) for foot in robot.feet):
-        raise InvalidInput(f"the joints of {robot.name}, {robot.mass_kg:g} kg on {len(robot.feet)} feet, are not known")
+        raise no_legs(robot.name)
     return known

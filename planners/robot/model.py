@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 HEXAPOD = "hexapod"
 SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by so much [m]."""
-NO_LEGS = "no legs are known, only the reach of its limbs: name its URDF, or ask for drawn-up legs (legs:)"
+NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs:)"
+"""Why nothing is known of a robot's joints, torques and bodies."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,7 +189,7 @@ class Robot:
     def check_legs(self) -> None:
         """Raise InvalidInput for a robot whose legs nobody knows: neither a model nor drawn ones."""
         if self.model is None and self.drawn is None:
-            raise InvalidInput(f"robot {self.name}: {NO_LEGS}")
+            raise no_legs(self.name)
 
     @property
     def servo(self) -> Servo:
@@ -221,6 +222,11 @@ class Robot:
         for name in names:
             checked_choice(name, "leg", by_name)
         return tuple(by_name[name] for name in names)
+
+
+def no_legs(name: str) -> InvalidInput:
+    """The error for a robot of this name whose legs nobody knows."""
+    return InvalidInput(f"robot {name}: {NO_LEGS}")
 
 
 def checked_inertia(value: Any, where: str) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, collect_errors, read_only
-from ..files.documents import read_yaml
+from ..files.documents import read_text, read_yaml
 from ..files.validation import validation_errors
 from ..physics import GRAVITY_M_S2
 from .model import checked_inertia, hexapod
@@ -149,10 +151,29 @@ class GaitRobot:
 
 
 def anymal() -> GaitRobot:
-    """ANYmal, the robot of paper W §V; the file says where its numbers come from."""
+    """ANYmal, the robot of paper W §V, by its boxes alone; the file says where its numbers come from."""
     from stancekit.configs import config_path
 
     return GaitRobot.from_yaml(config_path("robots/anymal.yaml"))
+
+
+def legged_anymal() -> GaitRobot:
+    """ANYmal with the same boxes and with legs, those of ``configs/robots/anymal.urdf``.
+
+    Without pinocchio no legs can be read, and it is its boxes.
+    """
+    return anymal() if find_spec("pinocchio") is None else replace(anymal(), model=_anymal_legs())
+
+
+@lru_cache(maxsize=1)
+def _anymal_legs() -> RobotModel:
+    from stancekit.configs import config_path
+
+    from .robot_model import model_of  # slow to import
+
+    urdf, srdf = (read_text(config_path(f"robots/anymal.{kind}")) for kind in ("urdf", "srdf"))
+    feet = {name: f"{name}_FOOT" for name in ("LF", "RF", "LH", "RH")}
+    return model_of(urdf, where="anymal.urdf", srdf=srdf, feet=feet, name="anymal")
 
 
 def hexapod_walker() -> GaitRobot:

@@ -49,7 +49,7 @@ FOUR: dict[str, Any] = {
     },
 }
 UNKNOWN = (
-    "robot anymal: no legs are known, only the reach of its limbs: name its URDF, or ask for "
+    "robot anymal: no legs are known, only its reach: name its URDF, or, in a course, ask for "
     "drawn-up legs (legs:)"
 )
 
