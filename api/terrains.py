@@ -85,4 +85,4 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
 
 def _radius_m(robot: Robot) -> float:
     """The largest radius of its feet, 0 where none is known."""
-    return 0.0 if robot.model is None else max(leg.radius_m for leg in robot.model.legs)
+    return robot.source.known_radius_m

@@ -146,7 +146,7 @@ def prepare_plan(
     standing_n = standing_forces(plan, kinematics) if shared else None
     motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n, standing_n=standing_n), 1.0, ""
     wished = resolved(motion, kinematics)
-    most = ACCELERATION_RAD_S2 if course.robot.model is None else np.inf
+    most = ACCELERATION_RAD_S2 if kinematics.drawn else np.inf
     longer = unhurried(motion, wished, world.capabilities.velocity_rad_s, most)
     motion = PlanMotion(plan, settings.timing, forces_n, longer, standing_n)
     wished = wished.retimed(motion.knots_s)
@@ -234,7 +234,7 @@ def _check_bodies(accepted: Accepted, timed: TimedMotion, kinematics: Kinematics
 def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool) -> RedundancyResolution:
     """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. What a robot's own joints can
     accelerate follows from their torques; servos are given a limit of their own. Returns what its tracker wishes."""
-    most = ACCELERATION_RAD_S2 if kinematics.robot.model is None else np.inf
+    most = ACCELERATION_RAD_S2 if kinematics.drawn else np.inf
     wished = resolved(motion, kinematics)
     if not hung:
         check_at_rest("gait", motion, kinematics, wished, world.drives, LIMIT_SHARE)

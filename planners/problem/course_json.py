@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, TypeVar
 
@@ -13,9 +12,9 @@ from pydantic import BaseModel, ConfigDict
 from ..errors import InvalidInput
 from ..files.arrays import read_only
 from ..files.validation import validated
-from ..robot.drawn_keys import DrawnLegsKeys, servo_to_json
+from ..robot.drawn_keys import DrawnLegsKeys
 from ..robot.model import Limb, Robot
-from ..robot.model_json import ModelJson, model_from_json, model_to_json
+from ..robot.model_json import ModelJson, model_from_json
 from ..robot.reach import ReachRows, RelativeReach
 from ..terrain.patch import Patch
 from .course import Course, Foothold, StepLimits, Weights
@@ -40,9 +39,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
             "mass_kg": course.robot.mass_kg,
             "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
             **_relative_to_json(course.robot),
-            **({"identity": course.robot.identity} if course.robot.identity and course.robot.model is None else {}),
-            **({} if course.robot.model is None else {"model": model_to_json(course.robot.model)}),
-            **_legs_to_json(course.robot),
+            **course.robot.source.to_json(),
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
@@ -127,12 +124,6 @@ def _robot(raw: _RobotJson) -> Robot:
         name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity, relative_reach=relative,
         drawn=drawn,
     )  # fmt: skip
-
-
-def _legs_to_json(robot: Robot) -> dict[str, Any]:
-    """The servo of drawn-up legs; nothing where the limbs say it, as those of the hexapod do."""
-    drawn = robot.drawn
-    return {} if drawn is None or replace(robot, drawn=None).drawn == drawn else {"legs": servo_to_json(drawn)}
 
 
 def _relative_to_json(robot: Robot) -> dict[str, Any]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -39,11 +38,3 @@ class DrawnLegsKeys(BaseModel):
     def servo(self) -> Servo:
         """The same as a robot has it."""
         return Servo(**self.model_dump())
-
-
-def servo_to_json(servo: Servo) -> dict[str, Any]:
-    """JSON-ready values of a servo; ``DrawnLegsKeys`` reads them."""
-    return {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in asdict(servo).items()
-    }

@@ -14,6 +14,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_choice, checked_members, checked_name, read_only
 from ..files.validation import shown
 from ..terrain.sole import checked_sole
+from .leg_sources import DrawnLegs, LegSource, NoLegs, OwnLegs
 from .reach import ReachRows, RelativeReach
 from .servo import Servo
 
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 HEXAPOD = "hexapod"
 SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by so much [m]."""
-NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs:)"
-"""Why nothing is known of a robot's joints, torques and bodies."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,19 +176,21 @@ class Robot:
             raise InvalidInput(f"robot {self.name}: expected point feet with a model of its legs, got soles")
 
     @property
+    def source(self) -> LegSource:
+        """Where its legs come from: its own file, drawn-up ones, or nowhere."""
+        if self.model is not None:
+            return OwnLegs(self, self.model)
+        if self.drawn is not None:
+            return DrawnLegs(self, self.drawn, said=self.drawn != Servo() or not self._is_hexapod())
+        return NoLegs(self)
+
+    @property
     def legs(self) -> RobotModel:
         """The robot joint by joint: its own model, or the legs that are drawn up for its limbs.
 
         Loads pinocchio. Raises InvalidInput where neither is known, and without pinocchio.
         """
-        from .legged import legged_model  # slow to import
-
-        return legged_model(self)
-
-    def check_legs(self) -> None:
-        """Raise InvalidInput for a robot whose legs nobody knows: neither a model nor drawn ones."""
-        if self.model is None and self.drawn is None:
-            raise no_legs(self.name)
+        return self.source.legs()
 
     @property
     def servo(self) -> Servo:
@@ -201,7 +202,7 @@ class Robot:
         """Inertia about the centre of mass, its own or its model's, shape (3, 3) [kg m²]; None where nobody says."""
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
-        return None if self.model is None else self.model.body.inertia_kgm2
+        return self.source.inertia_kgm2
 
     @property
     def origin_m(self) -> Array:
@@ -209,7 +210,7 @@ class Robot:
 
         Of a model it is the centre of mass as it stands, which paper E takes for the body's origin; else it is 0.
         """
-        return np.zeros(3) if self.model is None else self.model.body.com_m
+        return self.source.origin_m
 
     @property
     def limb_names(self) -> tuple[str, ...]:
@@ -222,11 +223,6 @@ class Robot:
         for name in names:
             checked_choice(name, "leg", by_name)
         return tuple(by_name[name] for name in names)
-
-
-def no_legs(name: str) -> InvalidInput:
-    """The error for a robot of this name whose legs nobody knows."""
-    return InvalidInput(f"robot {name}: {NO_LEGS}")
 
 
 def checked_inertia(value: Any, where: str) -> Array:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from ..files.arrays import check_numbers, checked, collect_errors
 
 JOINTS = ("yaw", "hip", "roll", "knee")
 """The joints of a limb from the shoulder outwards: about the body's z, the limb's y (down positive), the thigh, and the
 limb's y again. A foot below its shoulder is on the axis of yaw: there roll moves it sideways."""
+
+FOOT_RADIUS_M = 0.012
+"""Radius of a foot that is drawn up."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,3 +42,9 @@ class Servo:
                 for i in range(len(JOINTS))
             ),
         )
+
+
+def servo_to_json(servo: Servo) -> dict[str, Any]:
+    """JSON-ready values of a servo; ``DrawnLegsKeys`` reads them."""
+    numbers = asdict(servo)
+    return {name: list(each) if isinstance(each, tuple) else each for name, each in numbers.items()}

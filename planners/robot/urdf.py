@@ -13,14 +13,15 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .model import Limb, Robot
-from .servo import JOINTS, Servo
+from .servo import FOOT_RADIUS_M, JOINTS, Servo
 
-__all__ = ["JOINTS", "Servo", "foot_names", "hexapod_urdf", "joint_names", "link_lengths", "outward_rad"]
+__all__ = [
+    "FOOT_RADIUS_M", "JOINTS", "Servo", "foot_names", "hexapod_urdf", "joint_names", "link_lengths", "outward_rad",
+]  # fmt: skip
 
 LINKS = (0.54, 0.53)
 """Lengths of thigh and shank in units of the limb's reach. Their sum leaves 7 % for the foot's radius and keeps the leg
 from being straight at the edge of its workspace."""
-FOOT_RADIUS_M = 0.012
 LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "foot": 0.001}
 """Mass of a limb's links in units of the robot's mass: six limbs are 10.8 % of it."""
 LINK_RADIUS_M = 0.009
@@ -30,9 +31,7 @@ BODY_HEIGHT_M = 0.06
 def joint_names(robot: Robot) -> tuple[str, ...]:
     """Names of all joints, limb by limb in the robot's order, from the base outward, e.g. ``LF_yaw``;
     none where no legs are known."""
-    if robot.model is not None:
-        return robot.model.joint_names
-    return tuple(f"{limb.name}_{joint}" for limb in robot.limbs for joint in JOINTS if robot.drawn is not None)
+    return robot.source.joint_names
 
 
 def foot_names(robot: Robot) -> tuple[str, ...]:
@@ -40,10 +39,7 @@ def foot_names(robot: Robot) -> tuple[str, ...]:
 
     Raises InvalidInput for a robot whose legs are not known.
     """
-    robot.check_legs()
-    if robot.model is not None:
-        return tuple(leg.foot for leg in robot.model.legs)
-    return tuple(f"{limb.name}_foot" for limb in robot.limbs)
+    return robot.source.foot_names
 
 
 def link_lengths(limb: Limb) -> Array:
@@ -64,7 +60,7 @@ def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: b
     Raises InvalidInput for what the
     legs drawn up here do not have: feet that are soles, and half-spaces of reach; and for a robot with its own legs.
     """
-    if robot.model is not None:
+    if robot.source.own:
         raise InvalidInput(f"robot {robot.name}: expected none of its own to draw legs up for it, it has its file's")
     if any(limb.sole_m is not None for limb in robot.limbs):
         raise InvalidInput(f"robot {robot.name}: expected point feet for a URDF of its own, got soles")

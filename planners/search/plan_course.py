@@ -69,7 +69,7 @@ def plan_course(
     if limits is not None and not math.isinf(deadline):
         search_end -= (1.0 - SEARCH) * max(deadline - time.perf_counter(), 0.0)
     outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
-    if outcome.certificate is not None and course.robot.model is not None and outcome.sets != "outer":
+    if outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer":
         outcome = _refuted(outcome, question, planner, shares[-1], deadline)
     if limits is None or outcome.plan is None:
         return outcome

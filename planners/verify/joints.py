@@ -159,7 +159,7 @@ def joint_report(
             for of, forces in zip(course.stances, plan.forces_n, strict=True)
         ]
     )
-    model, most = course.robot.model, np.minimum(solver.torque_nm, torque_cap(plan))
+    most = np.minimum(solver.torque_nm, torque_cap(plan))
     shares, over = torque / most, torque - most
     row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
     place = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
@@ -183,7 +183,7 @@ def joint_report(
         worst_torque=place,
         postures_message=wrong,
         torque_message=tired,
-        unlimited=() if model is None else model.lines_of(model.torque_doubts),
+        unlimited=solver.model.lines_of(solver.model.torque_doubts),
     )
 
 
