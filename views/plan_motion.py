@@ -8,7 +8,6 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.cached import cached_property
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.toes import ToeKinematics
@@ -99,10 +98,7 @@ class PlanMotion:
 
     @cached_property
     def _kinematics(self) -> ToeKinematics:
-        model = self.plan.course.robot.model
-        if model is None:
-            raise InvalidInput("robot: expected one that has a model, got balls of reach")
-        return ToeKinematics(model)
+        return ToeKinematics(self.plan.course.robot.source.own_model())
 
     def swing(self, foothold: int, part: float | Array) -> Array:
         """Where a toe is on its way to a foothold: off its old patch, over, and onto the new one.

@@ -38,7 +38,7 @@ def walk_hindrance(walk: Trajectory, unchecked: Sequence[str]) -> str:
     """
     from ..robot.legged import walking_robot  # slow to import
 
-    left = [name for name in unchecked if walk.robot.model is not None or name not in WALK_BODY]
+    left = [name for name in unchecked if walk.robot.source.own or name not in WALK_BODY]
     if left:
         return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'} not checked"
     if walk.adhesive.any():

@@ -269,9 +269,12 @@ class CourseSpec(_Keys):
 
         return with_mass(found, self.mass_kg)
 
-    def standing(self, model: RobotModel, robot: Robot) -> CourseSpec:
+    def standing(self, model: RobotModel | None, robot: Robot) -> CourseSpec:
         """The same with toes where the model has them as it stands, if the file does not say where they should be, so
-        far from borders of surfaces, where a riser may be, that its feet have room, and near its nominal path."""
+        far from borders of surfaces, where a riser may be, that its feet have room, and near its nominal path. Without
+        a model as it is."""
+        if model is None:
+            return self
         from ..robot.contact_robot import standing_toes
 
         update: dict[str, Any] = {}
@@ -292,9 +295,7 @@ class CourseSpec(_Keys):
         if self._given is not None and model is self._given.model:
             if model is None or sets == "inner":
                 return self._given if self.mass_kg is None else replace(self._given, mass_kg=self.mass_kg)
-            from ..robot.contact_robot import with_sets
-
-            return with_sets(self._given, sets)
+            return self._given.sets(sets)
         if model is not None:
             from ..robot.contact_robot import contact_robot
             from ..robot.workspace_cache import workspaces_of

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
     from .model import Robot
     from .robot_model import RobotModel
 
-NO_LEGS = (
-    "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs:)"
-)
+NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs:)"
 """Why nothing is known of a robot's joints, torques and bodies."""
 
 
@@ -40,8 +38,8 @@ class LegSource(ABC):
 
     own: bool = False
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
+    def __init__(self, name: str, limbs: int) -> None:
+        self.name, self.limbs = name, limbs
 
     @abstractmethod
     def legs(self, servo: Servo | None = None) -> RobotModel:
@@ -49,6 +47,12 @@ class LegSource(ABC):
 
         servo: of drawn-up legs, in place of the robot's own. Raises InvalidInput where no legs are known.
         """
+
+    def own_model(self) -> RobotModel:
+        """The model of the robot's own file. Raises InvalidInput for a robot without one."""
+        raise InvalidInput(
+            f"robot: expected one with legs of its own, got {self.name}, which is but its limbs"
+        )
 
     @property
     @abstractmethod
@@ -63,7 +67,7 @@ class LegSource(ABC):
     @property
     def foot_radii_m(self) -> Array:
         """Radii of the feet, shape (N,) [m]."""
-        return np.full(len(self.robot.limbs), FOOT_RADIUS_M)
+        return np.full(self.limbs, FOOT_RADIUS_M)
 
     @property
     def known_radius_m(self) -> float:
@@ -105,9 +109,13 @@ class OwnLegs(LegSource):
 
     own = True
 
-    def __init__(self, robot: Robot, model: RobotModel) -> None:
-        super().__init__(robot)
+    def __init__(self, model: RobotModel) -> None:
+        super().__init__(model.name, len(model.legs))
         self.model = model
+
+    def own_model(self) -> RobotModel:
+        """The model as it was read."""
+        return self.model
 
     def legs(self, servo: Servo | None = None) -> RobotModel:
         """The model as it was read; its file says what its joints can."""
@@ -157,8 +165,8 @@ class DrawnLegs(LegSource):
     """Legs of four joints that are drawn up for every limb, and the servo that drives them."""
 
     def __init__(self, robot: Robot, servo: Servo, *, said: bool) -> None:
-        super().__init__(robot)
-        self.servo, self._said = servo, said
+        super().__init__(robot.name, len(robot.limbs))
+        self.robot, self.servo, self._said = robot, servo, said
 
     def legs(self, servo: Servo | None = None) -> RobotModel:
         """The model of ``hexapod_urdf``, which is kept."""
@@ -194,11 +202,23 @@ class DrawnLegs(LegSource):
 
 
 class NoLegs(LegSource):
-    """A mass and the reach of limbs."""
+    """A mass and the reach of limbs.
+
+    identity: that of the robot whose reach it is; empty where it is no robot's. point: whether feet are points.
+    """
+
+    def __init__(self, name: str, limbs: int, identity: str = "", *, point: bool = False) -> None:
+        super().__init__(name, limbs)
+        self.identity, self.point = identity, point
 
     def legs(self, servo: Servo | None = None) -> RobotModel:
         """Raise InvalidInput: nobody knows them."""
-        raise no_legs(self.robot.name)
+        raise no_legs(self.name)
+
+    @property
+    def foot_radii_m(self) -> Array:
+        """Those of feet that are drawn up, or 0."""
+        return np.zeros(self.limbs) if self.point else super().foot_radii_m
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -208,8 +228,8 @@ class NoLegs(LegSource):
     @property
     def hindrance(self) -> str:
         """The same reason as everywhere."""
-        return str(no_legs(self.robot.name))
+        return str(no_legs(self.name))
 
     def to_json(self) -> dict[str, Any]:
         """The identity of a robot whose reach it has."""
-        return {"identity": self.robot.identity} if self.robot.identity else {}
+        return {"identity": self.identity} if self.identity else {}

@@ -73,8 +73,8 @@ def walking_robot(robot: GaitRobot) -> Robot:
     The robot of a walk is a body with boxes of reach, which may have the model of its legs; of the robots that come
     with the package the hexapod has joints, too.
     """
-    if (model := robot.model) is not None:
-        return robot_of(model)
+    if robot.source.own:
+        return robot_of(robot.source.own_model())
     known = hexapod()
     shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
     same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)

@@ -19,6 +19,7 @@ from .reach import ReachRows, RelativeReach
 from .servo import Servo
 
 if TYPE_CHECKING:
+    from .contact_robot import Sets
     from .robot_model import RobotModel
 
 HEXAPOD = "hexapod"
@@ -179,10 +180,10 @@ class Robot:
     def source(self) -> LegSource:
         """Where its legs come from: its own file, drawn-up ones, or nowhere."""
         if self.model is not None:
-            return OwnLegs(self, self.model)
+            return OwnLegs(self.model)
         if self.drawn is not None:
             return DrawnLegs(self, self.drawn, said=self.drawn != Servo() or not self._is_hexapod())
-        return NoLegs(self)
+        return NoLegs(self.name, len(self.limbs), self.identity)
 
     @property
     def legs(self) -> RobotModel:
@@ -191,6 +192,16 @@ class Robot:
         Loads pinocchio. Raises InvalidInput where neither is known, and without pinocchio.
         """
         return self.source.legs()
+
+    def sets(self, which: Sets) -> Robot:
+        """The same robot over the inner sets of its legs, which they surely reach, or over the outer ones, which hold
+        all that they might reach.
+
+        Raises InvalidInput for a robot without legs of its own, and for a leg without a workspace that has an inside.
+        """
+        from .contact_robot import with_sets  # measures legs, which is slow to import
+
+        return with_sets(self, which)
 
     @property
     def servo(self) -> Servo:

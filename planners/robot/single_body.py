@@ -16,6 +16,7 @@ from ..files.arrays import Array, checked, checked_name, collect_errors, read_on
 from ..files.documents import read_text, read_yaml
 from ..files.validation import validation_errors
 from ..physics import GRAVITY_M_S2
+from .leg_sources import LegSource, NoLegs, OwnLegs
 from .model import checked_inertia, hexapod
 
 if TYPE_CHECKING:
@@ -88,15 +89,16 @@ class GaitRobot:
         names = [foot.name for foot in self.feet]
         if len(names) < 3 or len(set(names)) != len(names):
             raise InvalidInput(f"{where}: expected three or more feet of different names, got {names}")
-        if self.model is not None and self.model.leg_names != self.foot_names:
-            legs = ", ".join(self.model.leg_names)
-            raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {', '.join(names)}")
         if self.model is not None:
             self._check_model(self.model, where)
         self._check_numbers(where)
 
     def _check_model(self, model: RobotModel, where: str) -> None:
-        """Raise InvalidInput for numbers that are not its model's. It may stand lower, crouched, and not higher."""
+        """Raise InvalidInput for feet and numbers that are not its model's. It may stand lower, crouched, and not
+        higher."""
+        if model.leg_names != self.foot_names:
+            legs, feet = ", ".join(model.leg_names), ", ".join(self.foot_names)
+            raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {feet}")
         mass_kg, inertia = model.body.mass_kg, model.body.inertia_kgm2
         if abs(self.mass_kg - mass_kg) > SAME * mass_kg:
             raise InvalidInput(f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {self.mass_kg:.8g}")
@@ -125,6 +127,13 @@ class GaitRobot:
                 f"{where}: inertia_kgm2: expected moments up to {most:.3g} kg m², as far as its trunk and its feet go, "
                 f"got {moment:.3g}"
             )
+
+    @property
+    def source(self) -> LegSource:
+        """Where its legs come from: its own file, or nowhere. Feet without legs are points."""
+        if self.model is not None:
+            return OwnLegs(self.model)
+        return NoLegs(self.name, len(self.feet), point=True)
 
     @property
     def foot_names(self) -> tuple[str, ...]:

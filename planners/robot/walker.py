@@ -68,8 +68,8 @@ def walker_from(robot: Robot | GaitRobot | str | Path) -> GaitRobot:
         return robot
     if not isinstance(robot, Robot):
         return named_walker(robot)
-    if robot.model is not None:
-        return walker_of(robot.model)
+    if robot.source.own:
+        return walker_of(robot.source.own_model())
     own = hexapod_walker()
     if robot.limb_names == own.foot_names and robot.mass_kg == own.mass_kg:
         return own

@@ -82,11 +82,9 @@ def _refuted(
     inner: PlanOutcome, question: Course | LayOut, planner: CoursePlanner, share: float, deadline: float
 ) -> PlanOutcome:
     """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
-    from ..robot.contact_robot import with_sets  # measures legs, which is slow to import
-
     try:
         outer = question("outer") if callable(question) else question
-        outer = replace(outer, robot=with_sets(outer.robot, "outer"))
+        outer = replace(outer, robot=outer.robot.sets("outer"))
     except InvalidInput as error:  # legs that nobody can measure
         return _undecided(inner, f"{UNPROVED}: {error}")
     limited = in_time(planner, deadline)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,18 @@ from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot import Robot, hexapod
+from stancekit.planners.robot.contact_robot import contact_robot, sets_of
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.legged import robot_of
+from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.servo import Servo
 from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
+from stancekit.planners.robot.workspace_cache import workspaces_of
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
+
+from .small_urdfs import quadruped
 
 FOUR: dict[str, Any] = {
     "name": "four",
@@ -187,3 +194,32 @@ def test_a_plan_of_unknown_legs_has_no_joints(plan: Plan) -> None:
     assert check_plan(forged).message == (
         "rejected: joints_rad: expected none of a robot whose legs are not known, got shape (3, 16)"
     )
+
+
+def test_a_robot_pickles_as_its_source_and_never_as_a_solvers_objects() -> None:
+    """Text, angles and corners go over; what pinocchio has made of them is made again where it is asked for."""
+    own = model_of(quadruped())
+    for robot in (robot_of(own), hexapod(), build_course(spec_from(FOUR)).robot):
+        names = joint_names(robot)
+        if names:
+            assert Kinematics(robot).joints == names  # parsed and built
+        content = pickle.dumps(robot)
+        assert b"pinocchio" not in content
+        assert b"ElementTree" not in content
+        again = pickle.loads(content)
+        assert (joint_names(again), again.identity) == (names, robot.identity)
+        assert again.source.digest == robot.source.digest
+        if names:
+            assert Kinematics(again).joints == names
+
+
+def test_a_robot_over_other_sets_is_the_same_robot() -> None:
+    robot = contact_robot(model := model_of(quadruped()), workspaces_of(model))
+    outer = robot.sets("outer")
+    assert (sets_of(robot), sets_of(outer)) == ("inner", "outer")
+    assert sets_of(outer.sets("inner")) == "inner"
+    assert outer.identity == robot.identity
+    with pytest.raises(InvalidInput) as error:
+        hexapod().sets("outer")
+    said = "robot: expected one with legs of its own, got hexapod, which is but its limbs"
+    assert str(error.value) == said
