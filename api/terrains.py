@@ -113,4 +113,4 @@ def ground(name: str) -> Terrain:
 
 def _radius_m(robot: Robot) -> float:
     """The largest radius of its feet, 0 where none is known."""
-    return 0.0 if robot.model is None else max(leg.radius_m for leg in robot.model.legs)
+    return robot.source.known_radius_m

@@ -238,9 +238,8 @@ class Gait:
                 for name, each in found.items()
             ]
             out.print(f"whole body: {', '.join(parts)}", highlight=False)
-        if (model := best.trajectory.robot.model) is not None:
-            for line in model.unrunnable:
-                out.print(f"cannot be run: {line}", highlight=False)
+        for line in best.trajectory.robot.source.unrunnable:
+            out.print(f"cannot be run: {line}", highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

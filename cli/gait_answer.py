@@ -86,7 +86,7 @@ def record(plan: Attempts, best: Attempted, terrain: str, written: Path | None) 
         "cpu_seconds": plan.seconds,
         "figures": dict(best.report.figures),
         "joints": joints(best),
-        "cannot_run": [] if (model := best.trajectory.robot.model) is None else list(model.unrunnable),
+        "cannot_run": list(best.trajectory.robot.source.unrunnable),
         "attempts": [_attempt_record(plan, index) for index in range(len(plan.attempts))],
         "failures": list(plan.failures),
     }
@@ -150,13 +150,12 @@ def joints(one: Attempted) -> dict[str, Any] | None:
     None without legs."""
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
-    if one.trajectory.robot.model is None:
-        return None
-    return {
+    found = {
         group.name: {"value": group.value, "unit": group.unit, "where": group.where}
         for group in one.report.groups
         if group.name in WHOLE_BODY and group.verdict != "not checked"
     }
+    return found or None
 
 
 def verdict(one: Attempted) -> str:

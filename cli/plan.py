@@ -268,8 +268,7 @@ class PlanCourse:
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.figures['goal_m']:.0f} mm from the goal"
         yield from bent_lines(outcome.details)
         yield report.body_message
-        if (model := plan.course.robot.model) is not None:
-            yield from (f"cannot be run: {line}" for line in model.unrunnable)
+        yield from (f"cannot be run: {line}" for line in plan.course.robot.source.unrunnable)
         if (at := outcome.message.find(LATE)) >= 0:
             yield f"{outcome.message[at:]}; --time-limit-s sets it, now to {self.time_limit_s:g} s"
         if plan.modes is not None:
@@ -301,7 +300,6 @@ class PlanCourse:
             arrays = plan_arrays(outcome.solution).items()
             record["verdict"] = report.to_json()
             record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
-            model = outcome.solution.course.robot.model
-            record["cannot_run"] = [] if model is None else list(model.unrunnable)
+            record["cannot_run"] = list(outcome.solution.course.robot.source.unrunnable)
             record["files"] = [str(path) for path in self._outputs()]
         return record

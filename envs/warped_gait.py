@@ -20,7 +20,7 @@ from stancekit.planners.files.validation import shown, typed
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.robot.single_body import GaitRobot
+from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.robot.walker import named_walker
 
 from .distributions.walks import SampledTasks, Tasks
@@ -163,7 +163,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | argument | default | meaning |
     |---|---|---|
     | terrain | 'mixed' | a family, "any" of them, "mixed" smooth ones, a name of `TERRAINS`, or "FILE.py:NAME" |
-    | robot | None | a built-in name, a URDF, a YAML file, or a ``GaitRobot``; ANYmal where None |
+    | robot | None | a built-in name, a URDF, a YAML file, or a ``GaitRobot``; `anymal-boxes` where None |
     | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` and ``robot`` |
     | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
     | settings | GaitSettings(max_iterations=50) | of the optimiser, with the limit of every stage; or a mapping |
@@ -189,7 +189,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         check_argument("terrain", terrain, str)
         settings = settings_from(GaitEnvSettings, options, beside=("terrain", "render_mode"))
         charts = CHARTS.names() if settings.charts is None else tuple(settings.charts)
-        walker = settings.robot if isinstance(settings.robot, GaitRobot) else named_walker(settings.robot or "anymal")
+        robot = settings.robot or anymal()
+        walker = robot if isinstance(robot, GaitRobot) else named_walker(robot)
         self._tasks: Tasks = settings.tasks or SampledTasks(terrain=terrain, robot=walker)
         self._charts, self._settings = charts, settings.optimiser
         self._weights, self._timing = settings.rewards, bool(settings.timing)

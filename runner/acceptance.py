@@ -112,7 +112,7 @@ def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:
 
 def _judged(plan: Plan) -> Report[Plan]:
     """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs of its own."""
-    return check_plan(plan, joints=plan.joints_rad is not None or plan.course.robot.model is not None)
+    return check_plan(plan, joints=plan.joints_rad is not None or plan.course.robot.source.own)
 
 
 def _said(report: Report[Plan]) -> str:
@@ -147,7 +147,7 @@ def _differs(plan: Robot, world: Robot) -> str:
     """The first number in which two robots differ; empty where there is none."""
     if not np.isclose(plan.mass_kg, world.mass_kg, rtol=1e-6):
         return f"{plan.mass_kg:g} kg and {world.mass_kg:g} kg"
-    models = [None if robot.model is None else robot.model.digest for robot in (plan, world)]
+    models = [robot.source.digest for robot in (plan, world)]
     if models[0] != models[1]:
         return "their legs are of different files" if all(models) else "only one of them has legs of its own"
     for mine, other in zip(plan.limbs, world.limbs, strict=True):

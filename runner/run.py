@@ -274,7 +274,7 @@ def simulate(
     world: str = "mujoco",
     *,
     settings: RunSettings = RunSettings(check_limits=False),
-    servo: Servo = Servo(),
+    servo: Servo | None = None,
     rate_hz: float | None = None,
     terrain: Sequence[Patch] | None = None,
     actuators: Actuators | None = None,
@@ -282,10 +282,10 @@ def simulate(
 ) -> RunReport:
     """Run a plan in a simulated world, at the pace asked for: what was planned against what happened.
 
-    world: "mujoco", "bullet", or FILE.py:NAME. servo: of every joint. rate_hz: targets a second, the world's own where
-    None. terrain: what the world has, where that is not the plan's. actuators: in place of the servo's limits.
-    progress: as of ``Runner``. Raises InvalidInput for a plan that the verifier rejects, a schedule that lifts all
-    limbs at once, a world that is no simulation, and without pinocchio.
+    world: "mujoco", "bullet", or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's own. rate_hz: targets a
+    second, the world's own where None. terrain: what the world has, where that is not the plan's. actuators: in place
+    of the servo's limits. progress: as of ``Runner``. Raises InvalidInput for a plan that the verifier rejects, a
+    schedule that lifts all limbs at once, a world that is no simulation, and without pinocchio.
     """
     accepted, course = Accepted.verified(plan, plan.course.name), plan.course
     gravity = course.gravity_m_s2

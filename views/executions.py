@@ -113,9 +113,8 @@ def frame_count(execution: Execution) -> int:
 
 def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
     """A trajectory as the world had it: the body, the feet and what they felt, a sample a control period."""
-    trace, model = execution.trace, trajectory.robot.model
-    centre = np.zeros(3) if model is None else model.body.com_m
-    radii = np.zeros(len(trajectory.robot.feet)) if model is None else np.array([leg.radius_m for leg in model.legs])
+    trace, legs = execution.trace, trajectory.robot.source
+    centre, radii = legs.origin_m, legs.foot_radii_m
     return replace(
         trajectory, times_s=trace.time_s, torso_m=trace.origin_m + trace.rotation @ centre, rotation=trace.rotation,
         feet_m=trace.feet_m - radii[:, None] * UP, forces_n=trace.forces_n,

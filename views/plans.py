@@ -189,8 +189,7 @@ class PlanView:
 
     def _angles(self, now: Samples) -> list[Array]:
         """Angles of each leg of a URDF's robot, near those of the key frames around; feet face their surfaces."""
-        model, key = self.plan.course.robot.model, self.plan.joints_rad
-        assert model is not None
+        model, key = self.plan.course.robot.source.own_model(), self.plan.joints_rad
         near = None if key is None else between(key, now.frame)[None]
         turn = rotation_of(now.rotation_rad)
         found = ToeKinematics(model).solve(now.com_m[None], turn[None], now.toes_m[None], now.normals[None], near)

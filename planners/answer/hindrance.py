@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..robot.urdf import hexapod_urdf
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -26,13 +25,7 @@ def plan_hindrance(plan: Plan) -> str:
         return NOBODY_CARRIES
     if course.has_soles:
         return "its feet are soles, and only point feet are executed"
-    if course.robot.model is not None:
-        return ""
-    try:
-        _ = hexapod_urdf(course.robot)
-    except InvalidInput as error:
-        return str(error)
-    return ""
+    return course.robot.source.hindrance
 
 
 def walk_hindrance(walk: Trajectory, unchecked: Sequence[str]) -> str:
@@ -45,7 +38,7 @@ def walk_hindrance(walk: Trajectory, unchecked: Sequence[str]) -> str:
     """
     from ..robot.legged import walking_robot  # slow to import
 
-    left = [name for name in unchecked if walk.robot.model is not None or name not in WALK_BODY]
+    left = [name for name in unchecked if walk.robot.source.own or name not in WALK_BODY]
     if left:
         return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'} not checked"
     if walk.adhesive.any():

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.comparison import first_difference
 from ..files.validation import shown, validation_errors
-from ..robot.model_json import ModelJson, model_from_json, model_to_json
+from ..robot.model_json import ModelJson, model_from_json
 
 if TYPE_CHECKING:
     from ..robot.single_body import GaitRobot
@@ -158,7 +158,7 @@ def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
     """A robot as JSON-ready values; ``robot_from_json`` gives it back to the last bit."""
     feet = [{name: _plain(value) for name, value in vars(foot).items()} for foot in robot.feet]
     numbers = {name: _plain(value) for name, value in vars(robot).items() if name != "model"} | {"feet": feet}
-    return numbers | ({} if robot.model is None else {"model": model_to_json(robot.model)})
+    return numbers | robot.source.to_json()
 
 
 def _plain(value: Any) -> Any:
@@ -188,8 +188,8 @@ def _check_built_in(robot: GaitRobot) -> None:
     """Raise InvalidInput for a robot that is called as one of the package's and has other numbers."""
     from ..robot.walker import BUILT_IN
 
-    if robot.model is None and robot.name in BUILT_IN:
-        own = robot_to_json(BUILT_IN[robot.name]())
+    if not robot.source.own and robot.name in BUILT_IN:
+        own = robot_to_json(replace(BUILT_IN[robot.name](), model=None))
         if other := first_difference(robot_to_json(robot), own):
             raise InvalidInput(f"expected the numbers of the built-in {robot.name}, got others: {other}")
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ from ..files.writing import check_writable, write_text
 from ..problem.course import Course
 from ..problem.course_comparison import course_difference
 from ..problem.course_json import course_from_json, course_to_json
+from ..robot.servo import Servo
 from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
 from .file_check import FileCheck
@@ -116,17 +118,18 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
         course = course_from_json(header["course"])
     except InvalidInput as error:
         raise InvalidInput(f"{header_path}: course: {error}") from None
+    written, course = course, _of_joints(course) if "joints_rad" in numbers else course
     _check_numbers(numbers_path, numbers, course)
     if "joints_rad" in numbers and header["arrays"].get("joints") != list(joint_names(course.robot)):
         raise InvalidInput(f"{header_path}: arrays.joints: expected the names of the robot's joints in its order")
-    plan = Plan(course=course, provenance=header["provenance"], **numbers)
+    plan = Plan(course=written, provenance=header["provenance"], **numbers)
     verdict = header["verdict"]
     checked = verdict.get("checked", ["contacts"])
     if not isinstance(checked, list) or set(map(str, checked)) - {"contacts", *WHOLE_BODY}:
         raise InvalidInput(f"{header_path}: verdict.checked: expected contacts, {', '.join(WHOLE_BODY)} or fewer")
     if plan_digest(plan, verdict["tolerance"], verdict["accepted"], checked) != verdict["digest"]:
         raise InvalidInput(f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier saw")
-    return plan, header
+    return plan if course is written else replace(plan, course=course), header
 
 
 def check_file(
@@ -180,6 +183,15 @@ def is_plan_file(path: str | Path) -> bool:
     except InvalidInput:
         return False
     return isinstance(data, dict) and str(data.get("format", "")).startswith("stancekit/plan/")
+
+
+def _of_joints(course: Course) -> Course:
+    """The course of a plan that has joints, whose robot has legs.
+
+    A file from before a course could ask for drawn-up legs does not say that its robot of limbs has them.
+    """
+    robot = course.robot
+    return course if joint_names(robot) or course.has_soles else replace(course, robot=replace(robot, drawn=Servo()))
 
 
 def _seal(content: Mapping[str, Any]) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..answer.leap_plan import LeapPlan
 from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
@@ -21,8 +19,6 @@ def feet_motion(subject: Plan | Trajectory | LeapPlan) -> PlanMotion | GaitMotio
         case Plan():
             return PlanMotion(subject, uncarried=True)
         case Trajectory():
-            model = subject.robot.model
-            radii = [0.0] * len(subject.robot.feet) if model is None else [leg.radius_m for leg in model.legs]
-            return GaitMotion(subject, np.array(radii))
+            return GaitMotion(subject, subject.robot.source.foot_radii_m)
         case LeapPlan():
             return LeapMotion(subject)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..answer.trajectory import Trajectory
-from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.inverse_kinematics import LegPostures
 from ..robot.kinematics import Kinematics
@@ -61,9 +60,7 @@ def walk_postures(trajectory: Trajectory) -> WalkPostures:
 
 
 def _model(trajectory: Trajectory) -> RobotModel:
-    if trajectory.robot.model is None:
-        raise InvalidInput(f"robot {trajectory.robot.name}: expected one that has a model of its legs, got boxes")
-    return trajectory.robot.model
+    return trajectory.robot.source.own_model()
 
 
 def _normals(trajectory: Trajectory) -> Array:

@@ -76,7 +76,7 @@ def course_between(
     spec = described()
     model = spec.robot_model(folder)
     body = spec.make_robot(model)
-    spec = spec if model is None else spec.standing(model, body)
+    spec = spec.standing(model, body)
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     found = terrain.along(np.array(keys["goal_m"])[None], folder)

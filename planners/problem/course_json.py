@@ -12,8 +12,9 @@ from pydantic import BaseModel, ConfigDict
 from ..errors import InvalidInput
 from ..files.arrays import read_only
 from ..files.validation import validated
+from ..robot.drawn_keys import DrawnLegsKeys
 from ..robot.model import Limb, Robot
-from ..robot.model_json import ModelJson, model_from_json, model_to_json
+from ..robot.model_json import ModelJson, model_from_json
 from ..robot.reach import ReachRows, RelativeReach
 from ..terrain.patch import Patch
 from .course import Course, Foothold, StepLimits, Weights
@@ -38,8 +39,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
             "mass_kg": course.robot.mass_kg,
             "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
             **_relative_to_json(course.robot),
-            **({"identity": course.robot.identity} if course.robot.identity and course.robot.model is None else {}),
-            **({} if course.robot.model is None else {"model": model_to_json(course.robot.model)}),
+            **course.robot.source.to_json(),
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
@@ -119,9 +119,11 @@ def _robot(raw: _RobotJson) -> Robot:
         )
     except InvalidInput as error:
         raise InvalidInput(f"robot {raw.name}: relative_reach: {error}") from None
+    drawn = None if raw.legs is None else raw.legs.servo()
     return Robot(
-        name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity, relative_reach=relative
-    )
+        name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity, relative_reach=relative,
+        drawn=drawn,
+    )  # fmt: skip
 
 
 def _relative_to_json(robot: Robot) -> dict[str, Any]:
@@ -196,6 +198,7 @@ class _RobotJson(_Keys):
     identity: str = ""
     model: ModelJson | None = None
     relative_reach: list[_RelativeReachJson] = []
+    legs: DrawnLegsKeys | None = None
 
 
 class _PatchJson(_Keys):

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, PrivateAttr, T
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
+from ..robot.drawn_keys import DrawnLegsKeys
 from ..robot.model import Limb, Robot, hexapod
 from ..robot.reach import ReachRows
 from .course import MOST_FRAMES, StepLimits
@@ -81,11 +82,32 @@ class LimbSpec(_Keys):
 
 
 class RobotSpec(_Keys):
-    """A robot that the file brings with it: its mass and its limbs by name."""
+    """A robot that the file brings with it: its mass and its limbs by name, and legs where they shall be drawn up.
+
+    Without legs the plan is judged as far as contacts, forces and reach go.
+    """
 
     name: str = "robot"
     mass_kg: Positive
     limbs: Annotated[dict[str, LimbSpec], Field(min_length=1)]
+    legs: DrawnLegsKeys | None = None
+
+    @model_validator(mode="after")
+    def _agree(self) -> RobotSpec:
+        if self.legs is not None:
+            for name, limb in self.limbs.items():
+                more = [key for key in ("sole_m", "reach_rows") if getattr(limb, key) is not None]
+                if more:
+                    raise InvalidInput(
+                        f"legs: expected limbs of a ball of reach and a point foot, got {more[0]} of limb {name}"
+                    )
+        return self
+
+    def make(self) -> Robot:
+        """The robot."""
+        limbs = tuple(limb.make(name) for name, limb in self.limbs.items())
+        drawn = None if self.legs is None else self.legs.servo()
+        return Robot(name=self.name, mass_kg=self.mass_kg, limbs=limbs, drawn=drawn)
 
 
 class StanceSpec(_Keys):
@@ -247,9 +269,12 @@ class CourseSpec(_Keys):
 
         return with_mass(found, self.mass_kg)
 
-    def standing(self, model: RobotModel, robot: Robot) -> CourseSpec:
+    def standing(self, model: RobotModel | None, robot: Robot) -> CourseSpec:
         """The same with toes where the model has them as it stands, if the file does not say where they should be, so
-        far from borders of surfaces, where a riser may be, that its feet have room, and near its nominal path."""
+        far from borders of surfaces, where a riser may be, that its feet have room, and near its nominal path. Without
+        a model as it is."""
+        if model is None:
+            return self
         from ..robot.contact_robot import standing_toes
 
         update: dict[str, Any] = {}
@@ -270,19 +295,13 @@ class CourseSpec(_Keys):
         if self._given is not None and model is self._given.model:
             if model is None or sets == "inner":
                 return self._given if self.mass_kg is None else replace(self._given, mass_kg=self.mass_kg)
-            from ..robot.contact_robot import with_sets
-
-            return with_sets(self._given, sets)
+            return self._given.sets(sets)
         if model is not None:
             from ..robot.contact_robot import contact_robot
             from ..robot.workspace_cache import workspaces_of
 
             return contact_robot(model, workspaces_of(model), sets)
-        if isinstance(self.robot, str):
-            own = hexapod()
-        else:
-            limbs = tuple(limb.make(name) for name, limb in self.robot.limbs.items())
-            own = Robot(name=self.robot.name, mass_kg=self.robot.mass_kg, limbs=limbs)
+        own = hexapod() if isinstance(self.robot, str) else self.robot.make()
         return own if self.mass_kg is None else replace(own, mass_kg=self.mass_kg)
 
     def with_frames(self, frames: int) -> CourseSpec:

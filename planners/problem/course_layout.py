@@ -41,9 +41,9 @@ def build_course(
 
         robot = read_reach(reach, robot.limb_names).applied(robot)
     placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach
-    if model is not None and sets == "outer" and not spec.candidates.everywhere:
+    if robot.source.own and sets == "outer" and not spec.candidates.everywhere:
         placed_by = spec.make_robot(model)
-    spec = spec if model is None else spec.standing(model, placed_by)
+    spec = spec.standing(model, placed_by)
     spec = _started(spec, placed_by, folder)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)

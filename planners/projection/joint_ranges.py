@@ -56,7 +56,7 @@ def joint_ranges(solver: Kinematics, angles: Array) -> tuple[Array, Array]:
     """Where joints may go, shape (M, J) each: within their limits, and legs that are drawn up no nearer to the posture
     in which thigh and axis of yaw are one than ``UPRIGHT_RAD``, or than they are. angles: shape (M, J) [rad]."""
     lower, upper = (np.tile(limit, (len(angles), 1)) for limit in (solver.lowest_rad, solver.highest_rad))
-    if solver.robot.model is None:
+    if solver.drawn:
         hips = slice(JOINTS.index("hip"), None, len(JOINTS))
         lower[:, hips] = np.maximum(lower[:, hips], np.minimum(-UPRIGHT_RAD, angles[:, hips]))
         upper[:, hips] = np.minimum(upper[:, hips], np.maximum(UPRIGHT_RAD, angles[:, hips]))

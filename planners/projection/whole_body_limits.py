@@ -48,7 +48,7 @@ class WholeBodyLimits:
 
     def concern(self, robot: Robot) -> bool:
         """Whether a plan for the robot has to have joints: its file has legs, or torques are asked for."""
-        return robot.model is not None or self.torque_nm is not None
+        return robot.source.own or self.torque_nm is not None
 
     def of(self, solver: Kinematics) -> Array:
         """Of every joint, shape (J,) [Nm]; inf where nothing is known and nothing asked for."""

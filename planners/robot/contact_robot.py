@@ -44,24 +44,22 @@ def with_sets(robot: Robot, sets: Sets) -> Robot:
 
     Raises InvalidInput for a robot without a model, and for a leg without a workspace that has an inside.
     """
-    if robot.model is None:
-        raise InvalidInput(f"robot: expected one with legs of its own, got {robot.name}, which is but its limbs")
+    model = robot.source.own_model()
     from .workspace_cache import workspaces_of  # measures where nobody has
 
-    return _over(robot, robot.model, workspaces_of(robot.model), sets)
+    return _over(robot, model, workspaces_of(model), sets)
 
 
 def sets_of(robot: Robot) -> Sets | None:
     """The sets of its model's legs that a robot's limbs have; None where it has no model, or they have others."""
-    if robot.model is None:
-        return None
     from .workspace_cache import workspaces_of
 
     try:
-        measured = workspaces_of(robot.model)
-    except InvalidInput:  # legs without an inside, whose limbs were given other sets
+        model = robot.source.own_model()
+        measured = workspaces_of(model)
+    except InvalidInput:  # no legs of its own, or some without an inside, whose limbs were given other sets
         return None
-    each = {sets: _over(robot, robot.model, measured, sets) for sets in get_args(Sets)}
+    each = {sets: _over(robot, model, measured, sets) for sets in get_args(Sets)}
     return next((sets for sets, made in each.items() if _same_reach(made, robot)), None)
 
 

@@ -20,7 +20,7 @@ from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .joint_answer import JointAnswer
 from .leg import Mount
 from .leg_ik import limb_postures
-from .legged import foot_radii, legged_model, rotor_kg_m2
+from .legged import foot_radii, legged_model
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo
@@ -43,19 +43,18 @@ class Kinematics:
     InvalidInput where pinocchio is not installed, and for a robot whose legs are not known.
     """
 
-    def __init__(self, robot: Robot, servo: Servo = Servo(), *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
+    def __init__(self, robot: Robot, servo: Servo | None = None, *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
         self._pin = pin = pinocchio()
-        self.robot, self.servo, self.gravity_m_s2 = robot, servo, gravity_m_s2
-        self.model = legged_model(robot, servo)
+        self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
+        self.model = legged_model(robot, self.servo)
         own, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
         self.joints, self.radii_m = self.model.joint_names, foot_radii(robot)
-        self.rotor_kg_m2 = rotor_kg_m2(robot, servo, self.model)
+        self.rotor_kg_m2 = self.model.drive[2]
         self.lower_rad, self.upper_rad = (np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad"))
         self.torque_nm, self.velocity_rad_s = (
             np.array([getattr(j, name) for j in joints]) for name in ("torque_nm", "velocity_rad_s")
         )
-        if robot.model is not None:
-            self.torque_nm[np.isin(self.joints, [name for name, _ in robot.model.torque_doubts])] = np.inf
+        self.torque_nm[np.isin(self.joints, [name for name, _ in self.model.torque_doubts])] = np.inf
         turns = np.concatenate([leg.turns for leg in own])
         self.lowest_rad = np.where(turns, -np.inf, self.lower_rad)
         self.highest_rad = np.where(turns, np.inf, self.upper_rad)
@@ -93,6 +92,11 @@ class Kinematics:
             rows, its = self._circles.T
             q[rows], q[rows + 1] = np.cos(np.asarray(angles)[its]), np.sin(np.asarray(angles)[its])
         return q
+
+    @property
+    def drawn(self) -> bool:
+        """Whether its legs are drawn up: four joints each, whose postures have a closed form."""
+        return self.model.servo is not None
 
     def joints_of(self, leg: int) -> NDArray[np.int_]:
         """Numbers of a leg's joints, from the base outward."""
@@ -135,7 +139,7 @@ class Kinematics:
         com = read_only(com_m, (3,), "com_m")
         feet = self.targets(com, turn, read_only(toes_m, (count, 3), "toes_m"), out)
         near = None if seed is None else read_only(seed, (len(self.joints),), "seed")
-        if self.robot.model is None:
+        if self.drawn:
             wished = limb_postures(
                 self.robot, self.servo, feet, -out @ turn, near=None if near is None else near.reshape(count, -1),
                 pose=(com, turn), obstacles=obstacles,
@@ -221,7 +225,7 @@ class Kinematics:
         """
         feet = self.feet(angles)
         places = np.array([self._data.oMi[number].translation for number in self._number])
-        if self.robot.model is None:
+        if self.drawn:
             first, *_, knees = places.reshape(len(feet), -1, 3).transpose(1, 0, 2)
             return np.stack([first, (1.0 - DRAWN_AT) * first + DRAWN_AT * knees, knees, feet], axis=1)
         found = np.repeat(feet[:, None], self._most + 1, axis=1)

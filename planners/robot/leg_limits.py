@@ -103,8 +103,8 @@ def limits_of(leg: Leg, com_m: Array) -> LegLimits:
 
 
 def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
-    assert robot.model is not None
-    limits = [limits_of(leg, robot.model.body.com_m) for leg in robot.model.legs]
+    model = robot.source.own_model()
+    limits = [limits_of(leg, model.body.com_m) for leg in model.legs]
     limbs = tuple(replace(limb, leg=each) for limb, each in zip(robot.limbs, limits, strict=True))
     return _corrected(replace(robot, limbs=limbs), keys)
 

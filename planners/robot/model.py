@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +14,17 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_choice, checked_members, checked_name, read_only
 from ..files.validation import shown
 from ..terrain.sole import checked_sole
+from .leg_sources import DrawnLegs, LegSource, NoLegs, OwnLegs
 from .reach import ReachRows, RelativeReach
+from .servo import Servo
 
 if TYPE_CHECKING:
+    from .contact_robot import Sets
     from .robot_model import RobotModel
 
+HEXAPOD = "hexapod"
 SAME = 1e-9
-"""A mass and that of the model may differ by so much of it."""
+"""A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by so much [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,13 +97,15 @@ class Robot:
         mass_kg: of all of it [kg].
         limbs: one or more, of different names.
         model: the robot's own legs, joint by joint, from its file; None where no more is known than its limbs.
+        drawn: the servo of legs that are drawn up for its limbs, where someone asks for such legs. The limbs of the
+            default hexapod always have them.
         identity: name and digest of the model that it is of; empty where there is none, as of the default hexapod.
         relative_reach: where feet may be from a foot that is put down, in order of limb, then of the other.
         inertia_kgm2: about the centre of mass in the body frame, shape (3, 3) [kg m²], which leaps ask for; None for
             that of the model, if there is one.
     Raises:
-        InvalidInput: for a mass that is not positive, no limbs, two of one name, or a model of another mass or of other
-            legs.
+        InvalidInput: for a mass that is not positive, no limbs, two of one name, a model of another mass or of other
+            legs, or drawn legs beside a model.
     Source:
         Paper E §II.
     Example:
@@ -115,6 +122,7 @@ class Robot:
     identity: str = ""
     relative_reach: tuple[RelativeReach, ...] = ()
     inertia_kgm2: Array | None = None
+    drawn: Servo | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -140,6 +148,18 @@ class Robot:
             checked_members((self.model,), RobotModel, f"{where}model")
             self._check(self.model)
             object.__setattr__(self, "identity", self.model.identity)
+        if self.drawn is not None:
+            checked_members((self.drawn,), Servo, f"{where}drawn")
+            if self.model is not None:
+                raise InvalidInput(f"{where}drawn: expected no drawn legs beside those of its model, got both")
+        elif self.model is None and self._is_hexapod():
+            object.__setattr__(self, "drawn", Servo())
+
+    def _is_hexapod(self) -> bool:
+        """Whether name and limbs are those of the default hexapod, whatever it carries."""
+        if self.name != HEXAPOD or len(self.limbs) != len(own := _hexapod_limbs()):
+            return False
+        return all(_same_limb(limb, other) for limb, other in zip(self.limbs, own, strict=True))
 
     def _check(self, model: RobotModel) -> None:
         """Raise InvalidInput unless the model is that of a robot of this mass and these limbs."""
@@ -157,11 +177,43 @@ class Robot:
             raise InvalidInput(f"robot {self.name}: expected point feet with a model of its legs, got soles")
 
     @property
+    def source(self) -> LegSource:
+        """Where its legs come from: its own file, drawn-up ones, or nowhere."""
+        if self.model is not None:
+            return OwnLegs(self.model)
+        if self.drawn is not None:
+            return DrawnLegs(self, self.drawn, said=self.drawn != Servo() or not self._is_hexapod())
+        return NoLegs(self.name, len(self.limbs), self.identity)
+
+    @property
+    def legs(self) -> RobotModel:
+        """The robot joint by joint: its own model, or the legs that are drawn up for its limbs.
+
+        Loads pinocchio. Raises InvalidInput where neither is known, and without pinocchio.
+        """
+        return self.source.legs()
+
+    def sets(self, which: Sets) -> Robot:
+        """The same robot over the inner sets of its legs, which they surely reach, or over the outer ones, which hold
+        all that they might reach.
+
+        Raises InvalidInput for a robot without legs of its own, and for a leg without a workspace that has an inside.
+        """
+        from .contact_robot import with_sets  # measures legs, which is slow to import
+
+        return with_sets(self, which)
+
+    @property
+    def servo(self) -> Servo:
+        """The drives of legs that are drawn up."""
+        return self.drawn or Servo()
+
+    @property
     def inertia(self) -> Array | None:
         """Inertia about the centre of mass, its own or its model's, shape (3, 3) [kg m²]; None where nobody says."""
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
-        return None if self.model is None else self.model.body.inertia_kgm2
+        return self.source.inertia_kgm2
 
     @property
     def origin_m(self) -> Array:
@@ -169,7 +221,7 @@ class Robot:
 
         Of a model it is the centre of mass as it stands, which paper E takes for the body's origin; else it is 0.
         """
-        return np.zeros(3) if self.model is None else self.model.body.com_m
+        return self.source.origin_m
 
     @property
     def limb_names(self) -> tuple[str, ...]:
@@ -207,9 +259,14 @@ def hexapod() -> Robot:
         >>> hexapod().mass_kg, len(hexapod().limbs)
         (10.0, 6)
     """
+    return Robot(name=HEXAPOD, mass_kg=10.0, limbs=_hexapod_limbs())
+
+
+@lru_cache(maxsize=1)
+def _hexapod_limbs() -> tuple[Limb, ...]:
     radius_m, reach_m = 0.18, 0.35
     azimuth_deg = {"LF": 30.0, "LM": 90.0, "LR": 150.0, "RF": -30.0, "RM": -90.0, "RR": -150.0}
-    limbs = tuple(
+    return tuple(
         Limb(
             name=name,
             shoulder_m=radius_m * np.array([np.cos(np.deg2rad(deg)), np.sin(np.deg2rad(deg)), 0.0]),
@@ -217,4 +274,10 @@ def hexapod() -> Robot:
         )
         for name, deg in azimuth_deg.items()
     )
-    return Robot(name="hexapod", mass_kg=10.0, limbs=limbs)
+
+
+def _same_limb(one: Limb, other: Limb) -> bool:
+    """Whether both have one name, shoulder and ball of reach, and nothing else."""
+    plain = one.reach_rows is None and one.sole_m is None
+    near = abs(one.reach_m - other.reach_m) <= SAME and float(np.abs(one.shoulder_m - other.shoulder_m).max()) <= SAME
+    return plain and near and one.name == other.name

@@ -45,7 +45,7 @@ class ReachSets:
 
     def applied(self, robot: Robot) -> Robot:
         """The robot with this reach in place of its own, limb by limb. Raises InvalidInput for one with a model."""
-        if robot.model is not None:
+        if robot.source.own:
             raise InvalidInput(f"reach: expected a robot without a model of its legs, got {robot.name}, which has one")
         limbs = tuple(
             replace(limb, shoulder_m=self.balls[limb.name][:3], reach_m=float(self.balls[limb.name][3]),

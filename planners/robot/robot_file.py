@@ -138,7 +138,7 @@ def unknown(name: str | Path, built_in: Sequence[str]) -> InvalidInput:
 
 def hexapod_model() -> RobotModel:
     """The default robot as one URDF among others: six limbs of four joints."""
-    return legged_model(hexapod())
+    return legged_model(hexapod()).changed(servo=None)
 
 
 def read_keys(path: Path) -> RobotKeys:

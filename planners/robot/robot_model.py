@@ -26,6 +26,7 @@ from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .leg import FootContact, Leg, Mount
 from .leg_search import legs_of
 from .plausibility import body_doubts, foot_doubts, leg_doubts, rest_gaps, wrong_links
+from .servo import Servo
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
 from .urdf_reader import (
@@ -42,6 +43,12 @@ from .urdf_reader import (
 
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is there."""
+ROTOR_S2 = 2e-4
+"""A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in units of what holds the
+robot's weight at a leg's length [Nm]."""
+STIFFNESS, DAMPING_S = 1.0, 0.04
+"""Of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the robot's weight at a leg's
+length [Nm], and Kd / Kp [s]."""
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
@@ -74,7 +81,8 @@ class RobotModel:
     urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every link by name.
     disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe. gaps: what a
     person has to say of it in a YAML file before anything is planned, a line each. older: of a model out of a file from
-    before there were hulls, what that file says of it: digests there are of this.
+    before there were hulls, what that file says of it: digests there are of this. servo: the drive of every joint of
+    legs that are drawn up; None where a robot's own file says what its joints can.
     """
 
     name: str
@@ -87,6 +95,7 @@ class RobotModel:
     remarks: tuple[Remark, ...] = ()
     gaps: tuple[str, ...] = ()
     older: Mapping[str, Any] | None = None
+    servo: Servo | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in ("tree", "built")}
@@ -165,8 +174,31 @@ class RobotModel:
         raise InvalidInput(f"leg: expected one of {', '.join(self.leg_names)}, got {shown(name)}")
 
     @property
+    def carried_nm(self) -> float:
+        """Torque that holds the robot's weight at the length of a leg: the unit of what its drives are guessed by."""
+        length_m = float(np.mean([leg.chain.length_m for leg in self.legs]))
+        return self.body.mass_kg * GRAVITY_M_S2 * length_m
+
+    @property
+    def drive(self) -> tuple[float, float, float]:
+        """Kp [Nm/rad], Kd [Nm s/rad] and the rotor's inertia behind the gears [kg m²] of every joint, where no file of
+        actuators says them: the servo's where legs are drawn up, else those that such a weight needs.
+
+        The verifier, the runner and the worlds of simulation have them from here.
+        """
+        if self.servo is not None:
+            return self.servo.stiffness_nm_rad, self.servo.damping_nms_rad, self.servo.rotor_kg_m2
+        stiffness = STIFFNESS * self.carried_nm
+        return stiffness, DAMPING_S * stiffness, ROTOR_S2 * self.carried_nm
+
+    @property
     def torque_doubts(self) -> tuple[tuple[str, str], ...]:
-        """Joints whose torque limit counts for nothing, by name, and why: there is none, or one that none has."""
+        """Joints whose torque limit counts for nothing, by name, and why: there is none, or one that none has.
+
+        A servo's limit, which someone says, is believed.
+        """
+        if self.servo is not None:
+            return ()
         return tuple((subject.removeprefix("joint "), text) for subject, text in _torque_doubts(self.legs, self.body))
 
     def lines_of(self, doubts: Sequence[tuple[str, str]]) -> tuple[str, ...]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +13,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, collect_errors, read_only
-from ..files.documents import read_yaml
+from ..files.documents import read_text, read_yaml
 from ..files.validation import validation_errors
 from ..physics import GRAVITY_M_S2
+from .leg_sources import LegSource, NoLegs, OwnLegs
 from .model import checked_inertia, hexapod
 
 if TYPE_CHECKING:
@@ -86,15 +89,16 @@ class GaitRobot:
         names = [foot.name for foot in self.feet]
         if len(names) < 3 or len(set(names)) != len(names):
             raise InvalidInput(f"{where}: expected three or more feet of different names, got {names}")
-        if self.model is not None and self.model.leg_names != self.foot_names:
-            legs = ", ".join(self.model.leg_names)
-            raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {', '.join(names)}")
         if self.model is not None:
             self._check_model(self.model, where)
         self._check_numbers(where)
 
     def _check_model(self, model: RobotModel, where: str) -> None:
-        """Raise InvalidInput for numbers that are not its model's. It may stand lower, crouched, and not higher."""
+        """Raise InvalidInput for feet and numbers that are not its model's. It may stand lower, crouched, and not
+        higher."""
+        if model.leg_names != self.foot_names:
+            legs, feet = ", ".join(model.leg_names), ", ".join(self.foot_names)
+            raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {feet}")
         mass_kg, inertia = model.body.mass_kg, model.body.inertia_kgm2
         if abs(self.mass_kg - mass_kg) > SAME * mass_kg:
             raise InvalidInput(f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {self.mass_kg:.8g}")
@@ -125,6 +129,13 @@ class GaitRobot:
             )
 
     @property
+    def source(self) -> LegSource:
+        """Where its legs come from: its own file, or nowhere. Feet without legs are points."""
+        if self.model is not None:
+            return OwnLegs(self.model)
+        return NoLegs(self.name, len(self.feet), point=True)
+
+    @property
     def foot_names(self) -> tuple[str, ...]:
         """Names of the feet, in the robot's order."""
         return tuple(foot.name for foot in self.feet)
@@ -149,10 +160,29 @@ class GaitRobot:
 
 
 def anymal() -> GaitRobot:
-    """ANYmal, the robot of paper W §V; the file says where its numbers come from."""
+    """ANYmal, the robot of paper W §V, by its boxes alone; the file says where its numbers come from."""
     from stancekit.configs import config_path
 
     return GaitRobot.from_yaml(config_path("robots/anymal.yaml"))
+
+
+def legged_anymal() -> GaitRobot:
+    """ANYmal with the same boxes and with legs, those of ``configs/robots/anymal.urdf``.
+
+    Without pinocchio no legs can be read, and it is its boxes.
+    """
+    return anymal() if find_spec("pinocchio") is None else replace(anymal(), model=_anymal_legs())
+
+
+@lru_cache(maxsize=1)
+def _anymal_legs() -> RobotModel:
+    from stancekit.configs import config_path
+
+    from .robot_model import model_of  # slow to import
+
+    urdf, srdf = (read_text(config_path(f"robots/anymal.{kind}")) for kind in ("urdf", "srdf"))
+    feet = {name: f"{name}_FOOT" for name in ("LF", "RF", "LH", "RH")}
+    return model_of(urdf, where="anymal.urdf", srdf=srdf, feet=feet, name="anymal")
 
 
 def hexapod_walker() -> GaitRobot:

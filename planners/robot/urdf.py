@@ -6,67 +6,40 @@ Paper E takes the centre of mass at the body's origin: nearly all of the mass is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from html import escape
 
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, check_numbers, checked, collect_errors
+from ..files.arrays import Array
 from .model import Limb, Robot
+from .servo import FOOT_RADIUS_M, JOINTS, Servo
 
-JOINTS = ("yaw", "hip", "roll", "knee")
-"""The joints of a limb from the shoulder outwards: about the body's z, the limb's y (down positive), the thigh, and the
-limb's y again. A foot below its shoulder is on the axis of yaw: there roll moves it sideways."""
+__all__ = [
+    "FOOT_RADIUS_M", "JOINTS", "Servo", "foot_names", "hexapod_urdf", "joint_names", "link_lengths", "outward_rad",
+]  # fmt: skip
+
 LINKS = (0.54, 0.53)
 """Lengths of thigh and shank in units of the limb's reach. Their sum leaves 7 % for the foot's radius and keeps the leg
 from being straight at the edge of its workspace."""
-FOOT_RADIUS_M = 0.012
 LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "foot": 0.001}
 """Mass of a limb's links in units of the robot's mass: six limbs are 10.8 % of it."""
 LINK_RADIUS_M = 0.009
 BODY_HEIGHT_M = 0.06
 
 
-@dataclass(frozen=True, kw_only=True)
-class Servo:
-    """What every joint is driven by: limits, and the position loop τ = Kp (q* − q) − Kd q̇ inside the servo.
-
-    lower_rad, upper_rad: of yaw, hip, roll and knee. rotor_kg_m2: inertia of the rotor, seen behind the gears.
-    torque_nm, velocity_rad_s: limits. stiffness_nm_rad, damping_nms_rad: Kp and Kd.
-    """
-
-    lower_rad: tuple[float, float, float, float] = (-1.9, -1.8, -2.6, -0.05)
-    upper_rad: tuple[float, float, float, float] = (1.9, 1.8, 2.6, 2.75)
-    torque_nm: float = 40.0
-    velocity_rad_s: float = 4.0
-    stiffness_nm_rad: float = 400.0
-    damping_nms_rad: float = 6.0
-    rotor_kg_m2: float = 0.01
-
-    def __post_init__(self) -> None:
-        positive = ("torque_nm", "velocity_rad_s", "stiffness_nm_rad", "damping_nms_rad")
-        collect_errors(
-            lambda: check_numbers(self, "servo.", above=positive, least=("rotor_kg_m2",)),
-            *(
-                lambda i=i: checked(self.lower_rad[i], f"servo.lower_rad[{i}]", most=self.upper_rad[i])
-                for i in range(len(JOINTS))
-            ),
-        )
-
-
 def joint_names(robot: Robot) -> tuple[str, ...]:
-    """Names of all joints, limb by limb in the robot's order, from the base outward, e.g. ``LF_yaw``."""
-    if robot.model is not None:
-        return robot.model.joint_names
-    return tuple(f"{limb.name}_{joint}" for limb in robot.limbs for joint in JOINTS)
+    """Names of all joints, limb by limb in the robot's order, from the base outward, e.g. ``LF_yaw``;
+    none where no legs are known."""
+    return robot.source.joint_names
 
 
 def foot_names(robot: Robot) -> tuple[str, ...]:
-    """Names of the foot links, in the robot's order; where legs are drawn up, their frames are the spheres' centres."""
-    if robot.model is not None:
-        return tuple(leg.foot for leg in robot.model.legs)
-    return tuple(f"{limb.name}_foot" for limb in robot.limbs)
+    """Names of the foot links, in the robot's order; where legs are drawn up, their frames are the spheres' centres.
+
+    Raises InvalidInput for a robot whose legs are not known.
+    """
+    return robot.source.foot_names
 
 
 def link_lengths(limb: Limb) -> Array:
@@ -79,14 +52,15 @@ def outward_rad(limb: Limb) -> float:
     return float(np.arctan2(limb.shoulder_m[1], limb.shoulder_m[0]))
 
 
-def hexapod_urdf(robot: Robot, servo: Servo = Servo(), *, rotors_in_links: bool = False) -> str:
+def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: bool = False) -> str:
     """The URDF of a robot with any number of limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``.
 
-    rotors_in_links: add the rotors' inertia to the links, about every axis so that a simulator takes it for a body's;
-    for those that know no inertia of rotors. URDF is in SI units. Raises InvalidInput for what the
+    servo: of every joint, in place of the robot's own. rotors_in_links: add the rotors' inertia to the links, about
+    every axis so that a simulator takes it for a body's; for those that know no inertia of rotors. URDF is in SI units.
+    Raises InvalidInput for what the
     legs drawn up here do not have: feet that are soles, and half-spaces of reach; and for a robot with its own legs.
     """
-    if robot.model is not None:
+    if robot.source.own:
         raise InvalidInput(f"robot {robot.name}: expected none of its own to draw legs up for it, it has its file's")
     if any(limb.sole_m is not None for limb in robot.limbs):
         raise InvalidInput(f"robot {robot.name}: expected point feet for a URDF of its own, got soles")
@@ -95,6 +69,7 @@ def hexapod_urdf(robot: Robot, servo: Servo = Servo(), *, rotors_in_links: bool 
             f"robot {robot.name}: expected balls of reach for a URDF of its own, got half-spaces without the "
             f"robot's own legs, as a course has them that names a robot's file"
         )
+    servo = servo or robot.servo
     rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0
     shares = sum(LIMB_SHARES.values()) * len(robot.limbs)
     radius = 0.75 * max(float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in robot.limbs])), 0.04)

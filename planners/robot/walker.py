@@ -22,12 +22,12 @@ from .model import Robot
 from .polytope import Polytope
 from .robot_file import YAML, model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel
-from .single_body import DEEPEST, Foot, GaitRobot, anymal, half_sides, hexapod_walker
+from .single_body import DEEPEST, Foot, GaitRobot, anymal, half_sides, hexapod_walker, legged_anymal
 from .solids import shape_points, solid_shapes
 from .workspace import Workspace
 from .workspace_cache import workspaces_of
 
-BUILT_IN = {"anymal": anymal, "hexapod": hexapod_walker}
+BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_walker}
 LEGS = (4, 6)
 """Numbers of legs that there are gaits for (``gait.variables.phases.GAITS``)."""
 ROOM = 0.05
@@ -68,8 +68,8 @@ def walker_from(robot: Robot | GaitRobot | str | Path) -> GaitRobot:
         return robot
     if not isinstance(robot, Robot):
         return named_walker(robot)
-    if robot.model is not None:
-        return walker_of(robot.model)
+    if robot.source.own:
+        return walker_of(robot.source.own_model())
     own = hexapod_walker()
     if robot.limb_names == own.foot_names and robot.mass_kg == own.mass_kg:
         return own

@@ -69,7 +69,7 @@ def plan_course(
     if limits is not None and not math.isinf(deadline):
         search_end -= (1.0 - SEARCH) * max(deadline - time.perf_counter(), 0.0)
     outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
-    if outcome.certificate is not None and course.robot.model is not None and outcome.sets != "outer":
+    if outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer":
         outcome = _refuted(outcome, question, planner, shares[-1], deadline)
     if limits is None or outcome.solution is None:
         return outcome
@@ -82,11 +82,9 @@ def _refuted(
     inner: Answer[Plan], question: Course | LayOut, planner: CoursePlanner, share: float, deadline: float
 ) -> Answer[Plan]:
     """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
-    from ..robot.contact_robot import with_sets  # measures legs, which is slow to import
-
     try:
         outer = question("outer") if callable(question) else question
-        outer = replace(outer, robot=with_sets(outer.robot, "outer"))
+        outer = replace(outer, robot=outer.robot.sets("outer"))
     except InvalidInput as error:  # legs that nobody can measure
         return _undecided(inner, f"{UNPROVED}: {error}")
     limited = in_time(planner, deadline)

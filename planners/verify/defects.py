@@ -45,6 +45,8 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
             continue
         if array is None:
             return f"{name}: expected shape {shape}, got nothing", -1, ""
+        if array.shape != shape and shape[-1:] == (0,):
+            return f"{name}: expected none of a robot whose legs are not known, got shape {array.shape}", -1, ""
         if array.shape != shape:
             return f"{name}: expected shape {shape}, got {array.shape}", -1, ""
         if not np.isfinite(array).all():

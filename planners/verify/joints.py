@@ -140,13 +140,13 @@ def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, 
 
 
 def joint_report(
-    plan: Plan, servo: Servo = Servo(), *, reached_m: float = REACHED_M, solver: Kinematics | None = None
+    plan: Plan, servo: Servo | None = None, *, reached_m: float = REACHED_M, solver: Kinematics | None = None
 ) -> JointReport:
     """Joints of every key frame, torques of every stance. Raises InvalidInput without pinocchio.
 
-    servo: drives the joints of a robot without its own legs. reached_m: a foot farther than this from where it should
-    be is out of reach. solver: of the plan's robot, in place of one with this servo. A plan that says within which
-    torque it was made is held to that, where joints have more.
+    servo: drives the joints of drawn-up legs, in place of the robot's own. reached_m: a foot farther than this from
+    where it should be is out of reach. solver: of the plan's robot, in place of one with this servo. A plan that says
+    within which torque it was made is held to that, where joints have more.
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 
@@ -159,7 +159,7 @@ def joint_report(
             for of, forces in zip(course.stances, plan.forces_n, strict=True)
         ]
     )
-    model, most = course.robot.model, np.minimum(solver.torque_nm, torque_cap(plan))
+    most = np.minimum(solver.torque_nm, torque_cap(plan))
     shares, over = torque / most, torque - most
     row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
     place = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
@@ -183,7 +183,7 @@ def joint_report(
         worst_torque=place,
         postures_message=wrong,
         torque_message=tired,
-        unlimited=() if model is None else model.lines_of(model.torque_doubts),
+        unlimited=solver.model.lines_of(solver.model.torque_doubts),
     )
 
 

@@ -38,13 +38,11 @@ def whole_body(measured: TrajectoryMeasurements, limits: Limits) -> tuple[Rows, 
     limits: what is allowed of each. Returns series with their limits, all empty for a robot of boxes or without
     pinocchio, and reasons in words: a file without speed or torque limits, meshes that are not there, no coal.
     """
-    model = measured.robot.model
-    if model is None:
-        return nothing("the robot is but boxes")
     try:
         body = WholeBodyMeasurements(measured)
-    except InvalidInput as error:  # no pinocchio
+    except InvalidInput as error:  # legs that nobody knows, or no pinocchio
         return nothing(str(error))
+    model = body.kinematics.model
     rows, missing = nothing("")[0], dict[str, str]()
     rows["joints"] = body.off_toes(), limits.joints_m
     rows["joint_speed"] = body.speed(), limits.joint_speed

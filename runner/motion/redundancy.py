@@ -52,13 +52,13 @@ class RedundancyResolution:
         times = motion.knots_s
         if isinstance(motion, PlanMotion) and motion.plan.joints_rad is not None:
             path = _planned(motion, times, kinematics, near_rad)
-            if kinematics.robot.model is None:
+            if kinematics.drawn:
                 path = _without_jumps(path, [motion.at(float(t)) for t in times], motion.solids, kinematics)
-            if kinematics.robot.model is not None or _jumps(path, LEAP_RAD).size == 0:
+            if not kinematics.drawn or _jumps(path, LEAP_RAD).size == 0:
                 self._set(times, path)
                 return
         samples = [motion.at(float(time_s)) for time_s in times]
-        if kinematics.robot.model is not None:
+        if not kinematics.drawn:
             self._set(times, _followed(samples, kinematics, near_rad))
             return
         shifts = np.zeros((len(times), 3))

@@ -16,7 +16,6 @@ from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
-from stancekit.planners.robot import Robot
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import foot_radii, walking_robot
 
@@ -79,7 +78,7 @@ def unhurried_plan(
     standing_n = standing_forces(plan, kinematics) if shared else None
     motion = PlanMotion(plan, timing, forces_n, standing_n=standing_n)
     wished = resolved(motion, kinematics)
-    longer = unhurried(motion, wished, can.velocity_rad_s, _most(kinematics.robot))
+    longer = unhurried(motion, wished, can.velocity_rad_s, _most(kinematics))
     motion = PlanMotion(plan, timing, forces_n, longer, standing_n)
     return motion, wished.retimed(motion.knots_s)
 
@@ -123,7 +122,7 @@ def timed_gait(
     """
     profile = joint_profile(motion, kinematics, hung=hung, balanced=True, drives=drives, wished=wished)
     check_static(profile, kinematics, can, LIMIT_SHARE, drives)
-    most = _most(kinematics.robot)
+    most = _most(kinematics)
     uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
     for name, (use, joint) in uses.items():
         if use > 1.0:
@@ -135,9 +134,9 @@ def timed_gait(
     return TimedMotion(motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque)
 
 
-def _most(robot: Robot) -> float:
+def _most(kinematics: Kinematics) -> float:
     """The greatest acceleration of joints [rad/s²]."""
-    return ACCELERATION_RAD_S2 if robot.model is None else np.inf
+    return ACCELERATION_RAD_S2 if kinematics.drawn else np.inf
 
 
 def _of_file(kinematics: Kinematics) -> tuple[Drives, WorldCapabilities]:

@@ -11,13 +11,8 @@ from stancekit.planners.cached import cached_property
 from stancekit.planners.files.arrays import Array, check_numbers, read_only
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
-from stancekit.planners.robot.legged import carried_nm, rotor_kg_m2
-from stancekit.planners.robot.robot_model import RobotModel
+from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel
 from stancekit.planners.robot.urdf import Servo
-
-STIFFNESS, DAMPING_S = 1.0, 0.04
-"""Of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the robot's weight at a leg's
-length [Nm], and Kd / Kp [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,13 +54,7 @@ class Drives:
         joints = [joint for leg in model.legs for joint in leg.joints]
         names = tuple(joint.name for joint in joints)
         found = tuple(ActuatorModel.of_joint(joint) for joint in joints) if actuators is None else actuators.of(names)
-        rotor = rotor_kg_m2(robot, servo, model)
-        if robot.model is None:
-            gains = servo.stiffness_nm_rad, servo.damping_nms_rad, rotor
-        else:
-            stiffness = STIFFNESS * carried_nm(model)
-            gains = stiffness, DAMPING_S * stiffness, rotor
-        loops = np.array([_loop(actuator, gains) for actuator in found])
+        loops = np.array([_loop(actuator, model.drive) for actuator in found])
         return cls(
             joints=names,
             lower_rad=np.array([joint.lower_rad for joint in joints]),

@@ -61,7 +61,7 @@ WORLDS: Registry[WorldClass] = Registry(
 def make_world(
     name: str,
     robot: Robot,
-    servo: Servo = Servo(),
+    servo: Servo | None = None,
     *,
     rate_hz: float | None = None,
     gravity_m_s2: float = GRAVITY_M_S2,
@@ -71,10 +71,11 @@ def make_world(
 ) -> World:
     """Make a world, with one robot in it.
 
-    name: of ``WORLDS``, or FILE.py:NAME. rate_hz: targets a second, the world's own where None. setup: the log of
-    ``replay``, the calibration file of ``dynamixel``, the set-up file of ``ros``; simulations take none.
-    imperfections: of a simulated robot. actuators: what turns its joints, None for what its file, or the device's,
-    says. Raises InvalidInput for an unknown name, a file that is missing or wrong, and a package that is not installed.
+    name: of ``WORLDS``, or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's own. rate_hz: targets a
+    second, the world's own where None. setup: the log of ``replay``, the calibration file of ``dynamixel``, the set-up
+    file of ``ros``; simulations take none. imperfections: of a simulated robot. actuators: what turns its joints, None
+    for what its file, or the device's, says. Raises InvalidInput for an unknown name, a file that is missing or wrong,
+    and a package that is not installed.
     """
     settings = WorldSettings(
         robot=robot, servo=servo, rate_hz=rate_hz, gravity_m_s2=gravity_m_s2,

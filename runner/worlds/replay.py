@@ -31,10 +31,11 @@ class ReplayWorld(LatchedWorld):
     kind: WorldKind = "recording"
     name = "replay"
 
-    def __init__(self, path: str | Path, robot: Robot, servo: Servo = Servo()) -> None:
+    def __init__(self, path: str | Path, robot: Robot, servo: Servo | None = None) -> None:
         from ..log import LOADED, read_log, state_from_json, table
 
         super().__init__()
+        servo = servo or robot.servo
         recorded = read_log(path)
         plan: dict[str, Any] = recorded.of("plan")[0]
         self.robot, self.servo, self.rate_hz = robot, servo, _rate(plan["rate_hz"], path)

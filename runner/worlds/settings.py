@@ -21,19 +21,23 @@ or it is not asked for."""
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """robot, servo: who moves, and by what. gravity_m_s2: what pulls. rate_hz: targets a second, None for what is
-    usual in that world. setup: the file that a world is made from, None where none was given. imperfections: of a
-    simulated robot. actuators: what turns its joints, None for what the robot's file, or the device's, says. estop: how
-    an e-stop that the set-up file names is known to work before the robot is armed."""
+    """robot: who moves. servo: of its drawn-up legs; the robot's own where None is given. gravity_m_s2: what pulls.
+    rate_hz: targets a second, None for what is usual in that world. setup: the file that a world is made from, None
+    where none was given. imperfections: of a simulated robot. actuators: what turns its joints, None for what the
+    robot's file, or the device's, says. estop: how an e-stop that the set-up file names is known to work before the
+    robot is armed."""
 
     robot: Robot
-    servo: Servo = field(default_factory=Servo)
+    servo: Servo | None = None
     gravity_m_s2: float = GRAVITY_M_S2
     rate_hz: float | None = None
     setup: Path | None = None
     imperfections: Imperfections = field(default_factory=Imperfections)
     actuators: Actuators | None = None
     estop: EstopCheck = "heard"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "servo", self.servo or self.robot.servo)
 
     def file(self, content: str, world: str) -> Path:
         """The set-up file. Raises InvalidInput, which says what should be in it, where there is none."""

@@ -37,7 +37,7 @@ class SimulatedWorld(LatchedWorld):
     def __init__(
         self,
         robot: Robot,
-        servo: Servo = Servo(),
+        servo: Servo | None = None,
         *,
         rate_hz: float = RATE_HZ,
         gravity_m_s2: float = GRAVITY_M_S2,
@@ -45,6 +45,7 @@ class SimulatedWorld(LatchedWorld):
         actuators: Actuators | None = None,
     ) -> None:
         super().__init__()
+        servo = servo or robot.servo
         self.robot, self.servo, self.rate_hz, self.gravity_m_s2 = robot, servo, rate_hz, gravity_m_s2
         self.model, self.imperfections = legged_model(robot, servo), imperfections
         last = len(robot.limbs) - 1

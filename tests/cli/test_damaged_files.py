@@ -29,6 +29,7 @@ from stancekit.cli.main import INTERNAL, parse, run
 from stancekit.cli.verify import Verify
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.robot import Limb, Robot
+from stancekit.planners.robot.servo import Servo
 from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
 from tests.damage import bombs
 from tests.damage.cases import Case, cases, command, fault, said
@@ -163,7 +164,7 @@ def test_a_robot_of_any_name_is_a_whole_urdf() -> None:
     limbs = tuple(
         Limb(name=f"{NAME}{k}", shoulder_m=np.array([0.1 * k, 0.1, 0.0]), reach_m=0.3) for k in range(3)
     )  # fmt: skip
-    robot = Robot(name=NAME, mass_kg=3.0, limbs=limbs)
+    robot = Robot(name=NAME, mass_kg=3.0, limbs=limbs, drawn=Servo())
     tree = ET.fromstring(hexapod_urdf(robot))
     assert tree.attrib["name"] == NAME
     movable = [joint.attrib["name"] for joint in tree.iter("joint") if joint.attrib["type"] == "revolute"]

@@ -208,7 +208,7 @@ def test_a_robot_is_named_as_everywhere(tmp_path):
     assert drawn == {"hexapod": (6,), "dog.urdf": (4,), "dog.yaml": (4,), None: (4,)}
     with pytest.raises(InvalidInput, match=r"^robot: expected none where tasks are given, which have their own$"):
         made(robot="hexapod")
-    with pytest.raises(InvalidInput, match=r"^robot: expected anymal, hexapod, a1, .*, got 'table'$"):
+    with pytest.raises(InvalidInput, match=r"^robot: expected anymal, anymal-boxes, hexapod, a1, .*, got 'table'$"):
         WarpedGaitEnv(robot="table")
 
 

@@ -46,7 +46,7 @@ class FixedScenario:
         found = [Slider(key="friction", label="friction of all surfaces, times", unit="", low=0.0, high=2.0, step=0.01,
                         value=1.0 if self.friction is None else self.friction,
                         hint=f"Of what the file says: {most:.3g} at most.")]  # fmt: skip
-        if self.laid.robot.model is None:
+        if not self.laid.robot.source.own:
             own = self.laid.robot.mass_kg
             found.append(Slider(key="mass_kg", label="mass of the robot", unit="kg", low=0.1, high=4.0 * own, step=0.1,
                                 value=own if self.mass_kg is None else self.mass_kg))  # fmt: skip

@@ -61,11 +61,12 @@ class DynamixelWorld(HardwareWorld):
         self,
         robot: Robot,
         calibration: Calibration,
-        servo: Servo = Servo(),
+        servo: Servo | None = None,
         *,
         rate_hz: float = RATE_HZ,
         actuators: Actuators | None = None,
     ) -> None:
+        servo = servo or robot.servo
         super().__init__(robot, servo, rate_hz)
         found = Drives.of(robot, servo, self._kinematics.model, actuators or Actuators(joints={"*": calibration.model}))
         stiffer = 1.0 if actuators is not None else calibration.p_gain / table.P_GAIN

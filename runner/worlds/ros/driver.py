@@ -51,11 +51,12 @@ class RosWorld(HardwareWorld):
         self,
         robot: Robot,
         setup: RosSetup,
-        servo: Servo = Servo(),
+        servo: Servo | None = None,
         *,
         rate_hz: float = RATE_HZ,
         actuators: Actuators | None = None,
     ) -> None:
+        servo = servo or robot.servo
         super().__init__(robot, servo, rate_hz)
         found = Drives.of(robot, servo, self._kinematics.model, actuators)
         known = actuators is not None and all(each.stiffness_nm_rad is not None for each in found.actuators)

@@ -19,6 +19,7 @@ from stancekit.planners.robot.legged import foot_radii, legged_model
 from stancekit.planners.robot.model_json import MOST_LETTERS
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import urdf_digest_text
+from stancekit.planners.robot.servo import Servo
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, joint_names
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -196,7 +197,8 @@ def test_a_robot_of_balls_gets_the_legs_that_are_drawn_up_and_another_one_its_ow
     np.testing.assert_array_equal(robot.origin_m, np.zeros(3))
     assert legged_model(course.robot) is course.robot.model
     np.testing.assert_array_equal(foot_radii(course.robot), [0.02] * 3)
-    small = Robot(name="crab", mass_kg=2.0, limbs=tuple(replace(limb, reach_m=0.1) for limb in robot.limbs[:2]))
+    few = tuple(replace(limb, reach_m=0.1) for limb in robot.limbs[:2])
+    small = Robot(name="crab", mass_kg=2.0, limbs=few, drawn=Servo())
     for leg, limb in zip(legged_model(small).legs, small.limbs, strict=True):
         far = float(np.linalg.norm(leg.nominal_m - limb.shoulder_m))
         assert far == pytest.approx(0.1 * np.hypot(0.15, 0.2) / 0.35, abs=1e-6)

@@ -105,7 +105,7 @@ def test_a_name_a_urdf_and_a_file_are_the_same_for_climbs_and_for_walks(tmp_path
     assert corrected.trunk_half_m.tolist() == [0.2, 0.1, 0.05]
     for ours, theirs in zip(plain.feet, walker.feet, strict=True):
         np.testing.assert_array_equal(ours.reach_min_m, theirs.reach_min_m)
-    assert named_walker("anymal").model is None
+    assert named_walker("anymal-boxes").model is None
     assert named_walker("hexapod").foot_names == named_robot("hexapod").leg_names
 
 

@@ -595,23 +595,24 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
 
     A walker carries its URDF's model, which but one file of the verifier's looks at: that shares the robot's legs, and
     inverse kinematics that nothing is believed of until pinocchio has put the feet there. A robot of a file is read
-    with what it touches with and with the hulls of its meshes, and one by name by what reads robots; the words of a
-    verdict are those of every report.
+    with what it touches with and with the hulls of its meshes, one by name by what reads robots, and a robot's legs are
+    asked for where they are drawn up; the words of a verdict are those of every report.
     """
     planners = Path(trajectories.__file__).parents[1]
     allowed = {
         "errors.py", "cached.py", "physics.py", "files/arrays.py", "files/archive.py", "files/comparison.py",
         "files/documents.py", "files/validation.py",
-        "answer/trajectory.py", "robot/model.py", "robot/model_json.py", "robot/reach.py", "robot/single_body.py",
-        "robot/urdf_reader.py", "terrain/bspline.py", "terrain/heightfield.py", "terrain/patch.py",
-        "terrain/polygon.py", "terrain/sole.py", "verify/trajectories.py", "verify/trajectory_defects.py",
-        "verify/trajectory_limits.py", "verify/trajectory_measurements.py", "verify/trajectory_momentum.py",
-        "verify/trajectory_series.py", "verify/trajectory_steps.py",
+        "answer/trajectory.py", "robot/leg_sources.py", "robot/model.py", "robot/model_json.py", "robot/reach.py",
+        "robot/servo.py", "robot/single_body.py", "robot/urdf_reader.py", "terrain/bspline.py",
+        "terrain/heightfield.py", "terrain/patch.py", "terrain/polygon.py", "terrain/sole.py",
+        "verify/trajectories.py", "verify/trajectory_defects.py", "verify/trajectory_limits.py",
+        "verify/trajectory_measurements.py", "verify/trajectory_momentum.py", "verify/trajectory_series.py",
+        "verify/trajectory_steps.py",
     }  # fmt: skip
     todo, seen = ["verify/trajectories.py"], set()
     carried = {
-        "robot/contacts.py", "robot/hulls.py", "robot/leg.py", "robot/robot_model.py",
-        "robot/shapes.py", "robot/walker.py",
+        "robot/contacts.py", "robot/hulls.py", "robot/leg.py", "robot/legged.py", "robot/robot_model.py",
+        "robot/shapes.py", "robot/urdf.py", "robot/walker.py",
         "answer/hindrance.py", "answer/report.py", "verify/trajectory_whole_body.py",
     }  # fmt: skip
     while todo:

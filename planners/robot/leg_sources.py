@@ -1,0 +1,235 @@
+"""Where a robot's legs come from: its own file, its limbs, which have legs drawn up for them, or nowhere.
+
+There is one class for each, and every question whose answer depends on legs is a method of it: callers ask
+``robot.source`` and do not look which of them it is.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from .model_json import model_to_json
+from .servo import FOOT_RADIUS_M, JOINTS, Servo, servo_to_json
+
+if TYPE_CHECKING:
+    from .model import Robot
+    from .robot_model import RobotModel
+
+NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs:)"
+"""Why nothing is known of a robot's joints, torques and bodies."""
+
+
+def no_legs(name: str) -> InvalidInput:
+    """The error for a robot of this name whose legs nobody knows."""
+    return InvalidInput(f"robot {name}: {NO_LEGS}")
+
+
+class LegSource(ABC):
+    """What is known of the legs of one robot.
+
+    own: whether legs and reach are those of a file, so that plans keep to inner sets of the legs and have joints,
+    and proofs are over outer sets.
+    """
+
+    own: bool = False
+
+    def __init__(self, name: str, limbs: int) -> None:
+        self.name, self.limbs = name, limbs
+
+    @abstractmethod
+    def legs(self, servo: Servo | None = None) -> RobotModel:
+        """The robot joint by joint; loads pinocchio.
+
+        servo: of drawn-up legs, in place of the robot's own. Raises InvalidInput where no legs are known.
+        """
+
+    def own_model(self) -> RobotModel:
+        """The model of the robot's own file. Raises InvalidInput for a robot without one."""
+        raise InvalidInput(
+            f"robot: expected one with legs of its own, got {self.name}, which is but its limbs"
+        )
+
+    @property
+    @abstractmethod
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of all joints, limb by limb, from the base outward; none where no legs are known."""
+
+    @property
+    def foot_names(self) -> tuple[str, ...]:
+        """Names of the links that are feet. Raises InvalidInput where no legs are known."""
+        return tuple(leg.foot for leg in self.legs().legs)
+
+    @property
+    def foot_radii_m(self) -> Array:
+        """Radii of the feet, shape (N,) [m]."""
+        return np.full(self.limbs, FOOT_RADIUS_M)
+
+    @property
+    def known_radius_m(self) -> float:
+        """Largest radius of a foot that the robot's file has, 0 where none says one [m]."""
+        return 0.0
+
+    @property
+    def origin_m(self) -> Array:
+        """p_BO, the origin that limbs are given from, in the base of the legs, shape (3,) [m]."""
+        return np.zeros(3)
+
+    @property
+    def inertia_kgm2(self) -> Array | None:
+        """Inertia about the centre of mass, shape (3, 3) [kg m²]; None where nobody says."""
+        return None
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of a file's legs; empty without a file."""
+        return ""
+
+    @property
+    def unrunnable(self) -> tuple[str, ...]:
+        """Reasons why a simulation refuses the legs as their file is, a line each."""
+        return ()
+
+    @property
+    def hindrance(self) -> str:
+        """The reason why nothing executes plans of such legs; empty where something does."""
+        return ""
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of a robot in files that say its legs."""
+        return {}
+
+
+class OwnLegs(LegSource):
+    """The legs of the robot's own file."""
+
+    own = True
+
+    def __init__(self, model: RobotModel) -> None:
+        super().__init__(model.name, len(model.legs))
+        self.model = model
+
+    def own_model(self) -> RobotModel:
+        """The model as it was read."""
+        return self.model
+
+    def legs(self, servo: Servo | None = None) -> RobotModel:
+        """The model as it was read; its file says what its joints can."""
+        return self.model
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """As the file has them."""
+        return self.model.joint_names
+
+    @property
+    def foot_radii_m(self) -> Array:
+        """As the file has them."""
+        return np.array([leg.radius_m for leg in self.model.legs])
+
+    @property
+    def known_radius_m(self) -> float:
+        """The largest of them."""
+        return float(self.foot_radii_m.max())
+
+    @property
+    def origin_m(self) -> Array:
+        """The centre of mass of the standing robot, which paper E takes for the body's origin."""
+        return self.model.body.com_m
+
+    @property
+    def inertia_kgm2(self) -> Array:
+        """Inertia of the standing robot."""
+        return self.model.body.inertia_kgm2
+
+    @property
+    def digest(self) -> str:
+        """The model's."""
+        return self.model.digest
+
+    @property
+    def unrunnable(self) -> tuple[str, ...]:
+        """As the model says it."""
+        return self.model.unrunnable
+
+    def to_json(self) -> dict[str, Any]:
+        """The model, from which it is read again."""
+        return {"model": model_to_json(self.model)}
+
+
+class DrawnLegs(LegSource):
+    """Legs of four joints that are drawn up for every limb, and the servo that drives them."""
+
+    def __init__(self, robot: Robot, servo: Servo, *, said: bool) -> None:
+        super().__init__(robot.name, len(robot.limbs))
+        self.robot, self.servo, self._said = robot, servo, said
+
+    def legs(self, servo: Servo | None = None) -> RobotModel:
+        """The model of ``hexapod_urdf``, which is kept."""
+        from .legged import drawn_model  # slow to import
+
+        return drawn_model(self.robot, servo or self.servo)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Yaw, hip, roll and knee of every limb, e.g. ``LF_yaw``."""
+        return tuple(f"{limb.name}_{joint}" for limb in self.robot.limbs for joint in JOINTS)
+
+    @property
+    def foot_names(self) -> tuple[str, ...]:
+        """Links whose frames are the centres of the feet, e.g. ``LF_foot``."""
+        return tuple(f"{limb.name}_foot" for limb in self.robot.limbs)
+
+    @property
+    def hindrance(self) -> str:
+        """The reason why its legs cannot be drawn up."""
+        from .urdf import hexapod_urdf  # which imports the robot
+
+        try:
+            hexapod_urdf(self.robot, self.servo)
+        except InvalidInput as error:
+            return str(error)
+        return ""
+
+    def to_json(self) -> dict[str, Any]:
+        """The identity, and the servo where the limbs do not say it, as those of the default hexapod do."""
+        named = {"identity": self.robot.identity} if self.robot.identity else {}
+        return named | ({"legs": servo_to_json(self.servo)} if self._said else {})
+
+
+class NoLegs(LegSource):
+    """A mass and the reach of limbs.
+
+    identity: that of the robot whose reach it is; empty where it is no robot's. point: whether feet are points.
+    """
+
+    def __init__(self, name: str, limbs: int, identity: str = "", *, point: bool = False) -> None:
+        super().__init__(name, limbs)
+        self.identity, self.point = identity, point
+
+    def legs(self, servo: Servo | None = None) -> RobotModel:
+        """Raise InvalidInput: nobody knows them."""
+        raise no_legs(self.name)
+
+    @property
+    def foot_radii_m(self) -> Array:
+        """Those of feet that are drawn up, or 0."""
+        return np.zeros(self.limbs) if self.point else super().foot_radii_m
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    @property
+    def hindrance(self) -> str:
+        """The same reason as everywhere."""
+        return str(no_legs(self.name))
+
+    def to_json(self) -> dict[str, Any]:
+        """The identity of a robot whose reach it has."""
+        return {"identity": self.identity} if self.identity else {}

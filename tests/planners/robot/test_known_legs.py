@@ -1,0 +1,225 @@
+"""Whose legs are known: a robot's own, the hexapod's, and those that a file asks to be drawn up."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.hindrance import plan_hindrance
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import WHOLE_BODY
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
+from stancekit.planners.problem.course_file import read_course, spec_from
+from stancekit.planners.problem.course_json import course_from_json, course_to_json
+from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.robot import Robot, hexapod
+from stancekit.planners.robot.contact_robot import contact_robot, sets_of
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.legged import robot_of
+from stancekit.planners.robot.robot_model import model_of
+from stancekit.planners.robot.servo import Servo
+from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
+from stancekit.planners.robot.workspace_cache import workspaces_of
+from stancekit.planners.search.plan_course import plan_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_plan
+
+from .small_urdfs import quadruped
+
+FOUR: dict[str, Any] = {
+    "name": "four",
+    "frames": 3,
+    "gait": "wave",
+    "start_m": [0.0, 0.0, 0.3],
+    "goal_m": [0.1, 0.0, 0.3],
+    "stance": {"outward_m": 0.1, "down_m": 0.3},
+    "terrain": {"kind": "flat", "friction": 0.6},
+    "robot": {
+        "name": "anymal",
+        "mass_kg": 30.0,
+        "limbs": {
+            name: {"shoulder_m": [x, y, 0.0], "reach_m": 0.45}
+            for name, x, y in (
+                ("LF", 0.3, 0.15),
+                ("LH", -0.3, 0.15),
+                ("RF", 0.3, -0.15),
+                ("RH", -0.3, -0.15),
+            )
+        },
+    },
+}
+UNKNOWN = (
+    "robot anymal: no legs are known, only its reach: name its URDF, or, in a course, ask for "
+    "drawn-up legs (legs:)"
+)
+
+
+def four(**legs: Any) -> dict[str, Any]:
+    """The course, with these legs where any are given."""
+    return {**FOUR, "robot": {**FOUR["robot"], **({"legs": legs} if legs else {})}}
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    """A plan for four limbs that nobody gave legs."""
+    found = plan_course(build_course(spec_from(FOUR)), TwoStageCoursePlanner()).plan
+    assert found is not None
+    return found
+
+
+def test_limbs_alone_have_no_legs() -> None:
+    robot = build_course(spec_from(FOUR)).robot
+    assert joint_names(robot) == ()
+    for ask in (lambda: robot.legs, lambda: Kinematics(robot), lambda: robot.source.foot_names):
+        with pytest.raises(InvalidInput) as error:
+            ask()
+        assert str(error.value) == UNKNOWN
+
+
+def test_a_plan_of_limbs_alone_is_accepted_as_far_as_checked(plan: Plan) -> None:
+    report = check_plan(plan, joints=True)
+    assert report.accepted
+    assert {report.group(name).message for name in WHOLE_BODY} == {UNKNOWN}
+    assert list(report.unchecked) == list(WHOLE_BODY)
+    assert plan_hindrance(plan) == UNKNOWN
+
+
+def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
+    servo = Servo(torque_nm=12.0, velocity_rad_s=3.0)
+    course = build_course(spec_from(four(torque_nm=12.0, velocity_rad_s=3.0)))
+    assert course.robot.drawn == servo
+    assert len(joint_names(course.robot)) == 16
+    kinematics = Kinematics(course.robot)
+    assert set(kinematics.torque_nm) == {12.0}
+    assert set(kinematics.velocity_rad_s) == {3.0}
+    again = course_from_json(json.loads(json.dumps(course_to_json(course))))
+    assert again.robot.drawn == servo
+    found = plan_course(course, TwoStageCoursePlanner()).plan
+    assert found is not None
+    report = check_plan(found, joints=True)
+    assert set(report.unchecked).isdisjoint(WHOLE_BODY)
+    write_plan(tmp_path / "plan.json", found, report)
+    assert read_plan(tmp_path / "plan.json")[0].course.robot.drawn == servo
+
+
+@pytest.mark.parametrize(
+    ("legs", "limb", "message"),
+    [
+        ({"torque_nm": -1}, {}, "robot.legs.torque_nm: expected greater than 0, got -1"),
+        (
+            {"torque": 12},
+            {},
+            "robot.legs.torque: unknown key, did you mean 'torque_nm'?",
+        ),
+        (
+            {"lower_rad": [0.0, 2.0, 0.0, 0.0]},
+            {},
+            "robot.legs.lower_rad[1]: expected a number in [-1e+06, 1.8], got 2",
+        ),
+        (
+            {"torque_nm": 12},
+            {"sole_m": [[0, 0], [0.1, 0], [0, 0.1]]},
+            "robot.legs: expected limbs of a ball of reach and a point foot, got sole_m of limb LF",
+        ),
+    ],
+)
+def test_legs_that_make_no_sense_are_refused(
+    legs: dict[str, Any], limb: dict[str, Any], message: str
+) -> None:
+    data = four(**legs)
+    data["robot"]["limbs"] = {
+        **data["robot"]["limbs"],
+        "LF": {**FOUR["robot"]["limbs"]["LF"], **limb},
+    }
+    with pytest.raises(InvalidInput) as error:
+        spec_from(data)
+    assert str(error.value) == message
+
+
+def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
+    course = read_course("walls")
+    written = course_to_json(course)["robot"]
+    assert set(written) == {"name", "mass_kg", "limbs"}
+    assert course_from_json(course_to_json(course)).robot.drawn == Servo()
+    heavy = replace(hexapod(), mass_kg=14.0)
+    read = course_from_json(course_to_json(replace(course, robot=heavy))).robot
+    assert read.drawn == Servo()
+    other = Robot(name="hexapod", mass_kg=10.0, limbs=hexapod().limbs[:4])
+    assert other.drawn is None
+    from stancekit.configs import config_path
+
+    assert config_path("robots/hexapod.urdf").read_text(encoding="utf-8") == hexapod_urdf(hexapod())
+
+
+def test_an_older_plan_with_joints_is_judged_with_the_legs_that_it_had(tmp_path: Path) -> None:
+    """Before a file could ask for drawn-up legs, all limbs had them: joints of a plan are theirs."""
+    drawn = build_course(spec_from(four(torque_nm=40.0)))
+    found = plan_course(drawn, TwoStageCoursePlanner()).plan
+    assert found is not None
+    assert found.joints_rad is not None
+    report = check_plan(found, joints=True)
+    write_plan(tmp_path / "plan.json", found, report)
+    path = tmp_path / "plan.json"
+    _as_before(path, found)
+    plan, header = read_plan(path)
+    assert "legs" not in header["course"]["robot"]
+    assert plan.course.robot.drawn == Servo()
+    assert check_file(path).report.accepted == report.accepted
+    assert check_file(path).report.unchecked == report.unchecked
+
+
+def _as_before(path: Path, plan: Plan) -> None:
+    """Take the key ``legs`` out of a plan's file, and make its digests those of the rest."""
+    from stancekit.planners.answer.report import plan_digest
+    from stancekit.planners.formats.plan_file import _seal
+
+    data = json.loads(path.read_text())
+    del data["course"]["robot"]["legs"], data["sha256"]
+    verdict = data["verdict"]
+    bare = replace(plan, course=course_from_json(data["course"]))
+    checked = verdict.get("checked", ["contacts"])
+    verdict["digest"] = plan_digest(bare, verdict["tolerance"], verdict["accepted"], checked)
+    path.write_text(json.dumps({**data, "sha256": _seal(data)}))
+
+
+def test_a_plan_of_unknown_legs_has_no_joints(plan: Plan) -> None:
+    forged = replace(plan, joints_rad=np.zeros((plan.course.frames, 16)))
+    assert check_plan(forged).message == (
+        "rejected: joints_rad: expected none of a robot whose legs are not known, got shape (3, 16)"
+    )
+
+
+def test_a_robot_pickles_as_its_source_and_never_as_a_solvers_objects() -> None:
+    """Text, angles and corners go over; what pinocchio has made of them is made again where it is asked for."""
+    own = model_of(quadruped())
+    for robot in (robot_of(own), hexapod(), build_course(spec_from(FOUR)).robot):
+        names = joint_names(robot)
+        if names:
+            assert Kinematics(robot).joints == names  # parsed and built
+        content = pickle.dumps(robot)
+        assert b"pinocchio" not in content
+        assert b"ElementTree" not in content
+        again = pickle.loads(content)
+        assert (joint_names(again), again.identity) == (names, robot.identity)
+        assert again.source.digest == robot.source.digest
+        if names:
+            assert Kinematics(again).joints == names
+
+
+def test_a_robot_over_other_sets_is_the_same_robot() -> None:
+    robot = contact_robot(model := model_of(quadruped()), workspaces_of(model))
+    outer = robot.sets("outer")
+    assert (sets_of(robot), sets_of(outer)) == ("inner", "outer")
+    assert sets_of(outer.sets("inner")) == "inner"
+    assert outer.identity == robot.identity
+    with pytest.raises(InvalidInput) as error:
+        hexapod().sets("outer")
+    said = "robot: expected one with legs of its own, got hexapod, which is but its limbs"
+    assert str(error.value) == said
