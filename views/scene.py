@@ -17,7 +17,7 @@ from matplotlib.colors import to_rgb, to_rgba
 from stancekit.planners.files.arrays import Array
 
 from .camera import Camera
-from .shapes import Capsule, Faces, Shape, along, mesh_of, ring
+from .shapes import Capsule, Faces, Shape, along, box_of, ring
 
 Colour = Any
 """A colour as matplotlib knows them: "#d1233b", or shares of red, green and blue."""
@@ -190,8 +190,7 @@ class Animation:
 def _corners(body: Body, boxes: dict[int, Array]) -> Array:
     """Of the box of a body's shape, in the world, shape (8, 3) [m]. boxes: of shapes by identity, found once."""
     if id(body.shape) not in boxes:
-        points = mesh_of(body.shape)[0]
-        low, high = points.min(axis=0), points.max(axis=0)
+        low, high = box_of(body.shape)
         boxes[id(body.shape)] = low + CUBE * (high - low)
     return np.asarray(body.position_m + boxes[id(body.shape)] @ body.rotation.T)
 

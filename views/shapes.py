@@ -76,6 +76,18 @@ def mesh_of(shape: Shape) -> tuple[Array, Faces]:
     raise TypeError(shape)
 
 
+def box_of(shape: Shape) -> tuple[Array, Array]:
+    """Lowest and highest coordinates of a shape, shape (3,) each [m]."""
+    match shape:
+        case Capsule(length, (low, high)):
+            wide = max(low, high)
+            return np.array([-wide, -wide, -0.5 * length - low]), np.array([wide, wide, 0.5 * length + high])
+        case Sphere(radius):
+            return np.full(3, -radius), np.full(3, radius)
+    points = mesh_of(shape)[0]
+    return points.min(axis=0), points.max(axis=0)
+
+
 def turned(profile: Array) -> tuple[Array, Faces]:
     """The solid of a profile (distance from z, height), shape (K, 2) [m] and upward, turned around z."""
     ring = np.column_stack([np.cos(TURN), np.sin(TURN)])
