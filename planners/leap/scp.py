@@ -161,9 +161,14 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
 
 
 def plan_of(numbers: LeapNumbers, found: Attempt, method: str) -> LeapPlan:
-    """The plan of an attempt, what its body does worked out from its forces."""
-    point, leap = found.point, numbers.leap
-    assert point is not None
+    """The plan of an attempt."""
+    assert found.point is not None
+    return plan_at(numbers, found.choice, found.point, method)
+
+
+def plan_at(numbers: LeapNumbers, choice: Index, point: LeapPoint, method: str) -> LeapPlan:
+    """The plan of toes and forces on chosen patches, what the body does worked out from them."""
+    leap = numbers.leap
     com, velocity = numbers.ballistic(numbers.total(point.forces))
     moving = replace(point, com=com, velocity=velocity)
     change = numbers.turned(moving)[0]
@@ -175,7 +180,7 @@ def plan_of(numbers: LeapNumbers, found: Attempt, method: str) -> LeapPlan:
     return LeapPlan(
         leap=leap,
         timing=numbers.timing,
-        choice=found.choice,
+        choice=choice,
         com_m=com[::2],
         velocity_m_s=velocity,
         momentum_m2_s=momentum,
