@@ -62,15 +62,15 @@ class LabelPostures:
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that the scenes of terrain-k are cut from."""
     feasible: OptionalInt = None
-    """Feasible rows, of postures (default: 500)."""
+    """Feasible rows, of postures: 500 where nothing is said."""
     infeasible: OptionalInt = None
-    """Infeasible rows, none of them trivial (default: 500)."""
+    """Infeasible rows, none of them trivial: 500 where nothing is said."""
     natural: bool = False
     """Keep the first feasible + infeasible samples as they come instead, whatever their label."""
     scenes: OptionalInt = None
-    """Scenes, of leaps (default: 100)."""
+    """Scenes, of leaps: 100 where nothing is said."""
     tries: OptionalText = None
-    """Tries per scene of leaps by each planner of leaps (default: random=8,finder=4,noise=4)."""
+    """Tries per scene of leaps by each planner of leaps: random=8,finder=4,noise=4 where nothing is said."""
     seed: int = 0
     """Seed; use another one for training than for testing."""
     shard_size: int = 500

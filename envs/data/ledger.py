@@ -86,11 +86,11 @@ class Header(Head):
 
 
 class TryHeader(Head):
-    """``header.json`` of tries of leaps, the data set's card: the plan, and what else is true of every row.
+    """``header.json`` of tries of leaps, the data set's card: what was planned, and what else is true of every row.
 
-    legs: of the robot's limbs, in their order. leap: keys of ``stancekit/leap/1`` that all scenes share; of footholds
-    limb and phase. shapes: of the columns that are arrays. speaks_of: what each label means. first_sample: SHA-256 of
-    the first leap. software: versions at the beginning.
+    plan: what was asked for. legs: of the robot's limbs, in their order. leap: keys of ``stancekit/leap/1`` that all
+    scenes share; of footholds limb and phase. shapes: of the columns that are arrays. speaks_of: what each label means.
+    first_sample: SHA-256 of the first leap. software: versions at the beginning.
     """
 
     format: Literal["stancekit/tries/1"] = "stancekit/tries/1"
