@@ -116,7 +116,8 @@ class TryPlan(RowPlan):
     distribution: a class of ``configs/leaps.yaml``. scenes: how many leaps; number k is drawn from a generator of
     (seed, k), as in benchmarks. tries: choices of contacts per scene of each order of ``LeapFinder``; fewer where a
     scene has no more. shard_size: rows a shard, but never less than a scene. seed: sets for training and for testing
-    need different ones. stop: cost of a first step above which a try is given up. share: of the friction, that plans use.
+    need different ones. stop: cost of a first step above which a try is given up. share: of the friction, that plans
+    use.
 
     Raises InvalidInput.
     """

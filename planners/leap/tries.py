@@ -107,7 +107,7 @@ class _Labeller:
 
     def _learn(self, numbers: LeapNumbers, found: Attempt) -> int:
         """Keep a cut that refutes a choice: of its own multipliers, or else of the relaxation's. Returns solves."""
-        if self._refuting(numbers.timing, found.choice) is not None:
+        if any(cut.value(found.choice) > MARGIN for timing, cut, _ in self._cuts if timing == numbers.timing):
             return 0
         row, solves = ray(numbers, found.solution), 0
         cut = proof_cut(numbers, row)

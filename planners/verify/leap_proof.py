@@ -59,6 +59,7 @@ class Refuter:
 
     def __init__(self, leap: Leap) -> None:
         self._leap, self._timings = leap, dict[int, _Bounds]()
+        self._parts: dict[tuple[int, bytes], _Parts] = {}
 
     def bounds(self, timing: int, row: Array, choices: NDArray[np.int_]) -> Array:
         """The bound that a row of multipliers has for each choice of a timing; above ``GUARD`` it refutes the choice.
@@ -72,16 +73,25 @@ class Refuter:
             return nothing
         if choices.ndim != 2 or choices.shape[1] != len(options):
             return nothing
-        its = self._timings.setdefault(timing, _Bounds(self._leap, timing))
         try:
-            parts = its.parts(row / max(float(np.abs(row).max(initial=0.0)), 1e-300))
+            parts = self._weighed(timing, row / max(float(np.abs(row).max(initial=0.0)), 1e-300))
         except _Refused:
             return nothing
+        its = parts.bounds
         there = ((choices >= 0) & (choices < options)).all(axis=1)
         values = {(j, r): its.candidate(parts, j, r) for j, r in sorted(_pairs(choices[there]))}
         for k in np.flatnonzero(there).tolist():
             nothing[k] = parts.constant + sum(values[pair] for pair in enumerate(choices[k].tolist()))
         return nothing
+
+    def _weighed(self, timing: int, row: Array) -> _Parts:
+        """What a row of multipliers weighs, worked out once."""
+        key = (timing, row.tobytes())
+        if key not in self._parts:
+            if timing not in self._timings:
+                self._timings[timing] = _Bounds(self._leap, timing)
+            self._parts[key] = self._timings[timing].parts(row)
+        return self._parts[key]
 
 
 def _pairs(choices: NDArray[np.int_]) -> set[tuple[int, int]]:
