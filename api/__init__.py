@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .courses import plan as plan
     from .datasets import label as label
     from .envs.data.dataset import Dataset as Dataset
+    from .envs.data.leap_tries import LeapTries as LeapTries
     from .files import load as load
     from .files import save as save
     from .learners.data.export import Exported as Exported
@@ -92,6 +93,7 @@ _HOMES = {
     "courses": ("plan",),
     "datasets": ("label",),
     "envs.data.dataset": ("Dataset",),
+    "envs.data.leap_tries": ("LeapTries",),
     "files": ("load", "save"),
     "learners.data.export": ("Exported",),
     "learners.data.labelling": ("RecheckReport",),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, overload
 
 from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.learners.data.labelling import RecheckReport
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.certificate import Certificate
@@ -92,7 +93,7 @@ def verify(subject: LeapPlan, answer: None = None) -> Report[LeapPlan]: ...
 @overload
 def verify(subject: Trajectory, answer: None = None) -> Report[Trajectory]: ...
 @overload
-def verify(subject: Dataset, answer: None = None) -> RecheckReport: ...
+def verify(subject: Dataset | LeapTries, answer: None = None) -> RecheckReport: ...
 @overload
 def verify(
     subject: str | Path,
@@ -104,7 +105,7 @@ def verify(
 ) -> FileCheck | RecheckReport: ...
 @checked
 def verify(
-    subject: PostureProblem | Course | Leap | Plan | LeapPlan | Trajectory | Dataset | str | Path,
+    subject: PostureProblem | Course | Leap | Plan | LeapPlan | Trajectory | Dataset | LeapTries | str | Path,
     answer: Posture | Certificate | None = None,
     *,
     tolerance: float = TOLERANCE,
@@ -154,7 +155,7 @@ def verify(
             return check_plan(subject, tolerance=tolerance, joints=True)
         case Trajectory(), None:
             return check_trajectory(subject)
-        case (Dataset() | str() | Path()), None:
+        case (Dataset() | LeapTries() | str() | Path()), None:
             return check_rows(subject, tolerance=tolerance)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
     raise InvalidInput(

@@ -20,6 +20,7 @@ from stancekit.planners.verify import check_certificate, check_posture, explain
 
 if TYPE_CHECKING:
     from stancekit.envs.data.dataset import Dataset
+    from stancekit.envs.data.leap_tries import LeapTries
     from stancekit.learners.data.labelling import RecheckReport
     from stancekit.planners.formats.file_check import FileCheck
     from stancekit.planners.problem.course import Course
@@ -119,17 +120,19 @@ def _check_none(*, robot: str | Path | None, tolerance: float, of: str) -> None:
 
 
 def check_rows(
-    source: Dataset | str | Path, *, tolerance: float = TOLERANCE, why: bool = False
+    source: Dataset | LeapTries | str | Path, *, tolerance: float = TOLERANCE, why: bool = False
 ) -> RecheckReport:
     """Check every witness and every certificate of a data set, of its folder, or of one that ships by its name.
+    Postures or tries of leaps: each row's evidence is what its label asks for.
 
     tolerance, why: as for files, which are refused here. Raises InvalidInput also for what is no data set.
     """
-    from stancekit.envs.data.dataset import Dataset
+    from stancekit.envs.data.leap_tries import LeapTries, open_rows
     from stancekit.envs.data.pools import folder_of
     from stancekit.learners.data.labelling import recheck
+    from stancekit.learners.data.leap_tries import recheck_leaps
 
-    if not isinstance(source, Dataset) and not os.path.exists(folder_of(source)):
+    if isinstance(source, str | Path) and not os.path.exists(folder_of(source)):
         raise InvalidInput(
             f"{source}: expected a plan, proof, gait or data set, found nothing there"
         )
@@ -137,7 +140,8 @@ def check_rows(
         if given:
             wanted = "expected a file of answers with it, got a data set, which has its own plan"
             raise InvalidInput(f"{name}: {wanted}")
-    return recheck(source if isinstance(source, Dataset) else Dataset.open(source))
+    rows = open_rows(source) if isinstance(source, str | Path) else source
+    return recheck_leaps(rows) if isinstance(rows, LeapTries) else recheck(rows)
 
 
 def check_answers(

@@ -1,22 +1,25 @@
-"""Data sets: postures, labelled exactly."""
+"""Data sets: postures, labelled exactly, and tries of leaps."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.label_plan import USUAL_TRIES
+from stancekit.envs.data.leap_tries import LeapTries
+from stancekit.envs.data.ledger import LabelPlan, TryPlan
 from stancekit.envs.distributions.postures import distribution_of
-from stancekit.learners.data import labelling
+from stancekit.learners.data import labelling, leap_tries
 from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.labelling import Progress
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import shown
+from stancekit.planners.problem.leap_classes import is_leap_class
 from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.robot.model import Robot
 
@@ -25,7 +28,12 @@ from .upgrading import old_arguments
 if TYPE_CHECKING:
     from stancekit.learners.proposers.proposer import Proposers
 
-FURTHER: Mapping[str, Any] = {"natural": bool, "shard_size": int, "proposers": str | Path | None}
+FURTHER: Mapping[str, Any] = {
+    "natural": bool,
+    "shard_size": int,
+    "proposers": str | Path | None,
+    "tries": Mapping[str, int] | None,
+}
 """What ``label`` takes by name beside its parameters."""
 OLD = {
     "feasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
@@ -33,9 +41,45 @@ OLD = {
 }
 USUAL_ROWS = (500, 500)
 """How many feasible and infeasible ones there are where nothing is said."""
-BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "progress", *FURTHER)
+BESIDE = (
+    "problems",
+    "folder",
+    "robot",
+    "terrain",
+    "rows",
+    "scenes",
+    "seed",
+    "workers",
+    "progress",
+    *FURTHER,
+)
 
 
+@overload
+def label(
+    problems: str,
+    folder: str | Path,
+    *,
+    scenes: int,
+    seed: int = 0,
+    workers: int | Executor = 1,
+    progress: Callable[[int, int], None] | None = None,
+    **further: Any,
+) -> LeapTries: ...
+@overload
+def label(
+    problems: str | Sampler,
+    folder: str | Path,
+    *,
+    robot: Robot | str | Path | None = None,
+    terrain: str | Path | None = None,
+    rows: tuple[int, int] | int = USUAL_ROWS,
+    scenes: None = None,
+    seed: int = 0,
+    workers: int | Executor = 1,
+    progress: Callable[[int, int], None] | None = None,
+    **further: Any,
+) -> Dataset: ...
 @checked
 def label(
     problems: str | Sampler,
@@ -44,29 +88,39 @@ def label(
     robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
     rows: tuple[int, int] | int = USUAL_ROWS,
+    scenes: int | None = None,
     seed: int = 0,
     workers: int | Executor = 1,
     progress: Callable[[int, int], None] | None = None,
     **further: Any,
-) -> Dataset:
+) -> Dataset | LeapTries:
     """Draw posture problems and label them exactly into a folder, or go on with one that was begun.
 
+    Of a class of leaps, "leap-hard" or another, choices of contacts are tried and labelled in place of problems: each
+    try is solved, with toes and forces; refuted, with multipliers that prove it; or unsolved, which claims nothing.
+
     Arguments:
-        problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by its class's.
+        problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by its class's. Or the
+            name of a class of leaps.
         folder: of the data set; what is there already is not made again.
         robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets of its legs.
         rows: how many feasible ones, and how many infeasible ones, which need their moment balance to be so; or one
-            number: the first so many samples as they come, whatever their label.
+            number: the first so many samples as they come, whatever their label. Not of leaps.
+        scenes: how many leaps are drawn; of leaps alone.
         seed: of the random stream; use another one for training than for testing.
         workers: processes, or an executor, for example of a Ray cluster; the rows do not depend on them.
         progress: called with rows written, and all.
         further: proposers (file of ``stancekit proposers``, asked for postures and proofs before any solver; needs
             torch), shard_size (rows per file, which is what an interruption can lose; 500), natural (True keeps the
-            samples as they come with two numbers of rows, too, of which only the sum counts then).
+            samples as they come with two numbers of rows, too, of which only the sum counts then). Of leaps:
+            shard_size, and tries (how many choices per scene each order of ``LeapFinder`` makes; by default
+            {"random": 8, "finder": 4, "noise": 4}, half of them spread over all choices, the others near good ones).
     Returns:
-        The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
+        The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate. Of leaps,
+        ``LeapTries``.
     Raises:
-        InvalidInput: for a folder that holds another data set, numbers out of range, proposers of another class.
+        InvalidInput: for a folder that holds another data set, numbers out of range, proposers of another class, and
+            arguments that leaps or postures have no use for.
         LabellingFailed: where the distribution does not yield enough rows of a label.
     Source:
         Algorithm E1.
@@ -80,6 +134,14 @@ def label(
     old = {name: value for name, value in further.items() if name not in FURTHER}
     for key, value in given.items():
         check_argument(key, value, FURTHER[key])
+    run = processes(int(workers)) if isinstance(workers, int | Integral) else workers
+    if isinstance(problems, str) and is_leap_class(problems):
+        asked_of = {"robot": robot, "terrain": terrain} | given | old
+        _check_no_use(asked_of, but=("shard_size", "tries"), of=f"leaps of {problems}")
+        if rows is not USUAL_ROWS:
+            raise InvalidInput(f"rows: expected none with leaps of {problems}, got {shown(rows)}")
+        return _leaps(problems, folder, scenes, given, seed=int(seed), run=run, progress=progress)
+    _check_no_use({"scenes": scenes, "tries": given.pop("tries", None)}, of="postures")
     wanted = _rows(
         rows, given.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
     )
@@ -98,7 +160,6 @@ def label(
         **wanted,
         **given,
     )
-    run = processes(int(workers)) if isinstance(workers, int | Integral) else workers
 
     def on_progress(state: Progress) -> None:
         if progress is not None:
@@ -143,6 +204,41 @@ def export_scenes(
         progress=progress,
     )
     return [scene["status"] for scene in index["scenes"]]
+
+
+def _leaps(
+    name: str,
+    folder: str | Path,
+    scenes: int | None,
+    given: Mapping[str, Any],
+    *,
+    seed: int,
+    run: Executor,
+    progress: Callable[[int, int], None] | None,
+) -> LeapTries:
+    """Label tries of a class of leaps. Raises InvalidInput."""
+    if scenes is None:
+        raise InvalidInput(f"scenes: expected how many leaps of {name}, got none")
+    settings = {key: value for key, value in given.items() if value is not None}
+    tries = {
+        order: int(count) if isinstance(count, Integral) else count
+        for order, count in settings.pop("tries", USUAL_TRIES).items()
+    }
+    plan = TryPlan(distribution=name, scenes=int(scenes), tries=tries, seed=seed, **settings)
+
+    def on_progress(state: Progress) -> None:
+        if progress is not None:
+            progress(state.rows, plan.rows)
+
+    leap_tries.label_leaps(plan, folder, run=run, progress=on_progress)
+    return LeapTries.open(folder)
+
+
+def _check_no_use(given: Mapping[str, Any], of: str, but: tuple[str, ...] = ()) -> None:
+    """Raise InvalidInput for what is given and of no use."""
+    for name, value in given.items():
+        if name not in but and value is not None and value is not False:
+            raise InvalidInput(f"{name}: expected none with {of}, got {shown(value)}")
 
 
 def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.leap_tries import open_rows
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.planners.answer.certificate import Certificate
@@ -66,7 +66,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         PostureProblem, or a list of them where the file holds JSON lines or an array (``stancekit/posture/1``); Course
         (``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the pair (PostureProblem or Course, Certificate) of
         a proof; Leap, or LeapPlan or such a pair where its file holds an answer (``stancekit/leap/1``, or YAML);
-        Trajectory of a gait; Dataset; GaitRobot (YAML or URDF); what a safetensors file of a neural
+        Trajectory of a gait; Dataset; LeapTries; GaitRobot (YAML or URDF); what a safetensors file of a neural
         selector, chooser or policy holds, as ``Learned``. Nothing is unpickled.
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
@@ -137,7 +137,7 @@ def save(
 
 def _read(path: Path) -> Any:
     if _is_folder(path):
-        return Dataset.open(path)
+        return open_rows(path)
     if (str(path) in (*builtin_courses(), *builtin_scenes()) or drawn_name(str(path))) and not path.exists():
         return read_course(path)
     if path.suffix == ".safetensors":

@@ -1,23 +1,31 @@
-"""``stancekit label``: make a data set of exactly labelled posture problems."""
+"""``stancekit label``: make a data set of exactly labelled posture problems, or of tries of leaps."""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from .console import as_options, emit, out, progress
+from stancekit.planners.errors import InvalidInput
+
+from .console import Show, as_options, emit, out, progress
 from .names import DISTRIBUTION, PROPOSERS, ROBOT, TERRAIN
-from .options import OptionalPath, OptionalText
+from .options import OptionalInt, OptionalPath, OptionalText
+
+if TYPE_CHECKING:
+    from stancekit.learners.data.executor import Executor
 
 SETTINGS = (
     "feasible",
     "infeasible",
     "feasible, infeasible",
     "feasible, infeasible, shard_size",
+    "scenes",
+    "tries",
+    "scenes, tries, shard_size",
     "shard_size",
     "seed",
     "workers",
@@ -25,6 +33,10 @@ SETTINGS = (
     "address",
 )
 """What a message may begin with that is an option here."""
+OF_POSTURES = ("robot", "terrain", "feasible", "infeasible", "natural", "proposers")
+"""Options that leaps have no use for."""
+OF_LEAPS = ("scenes", "tries")
+"""Options that postures have no use for."""
 
 
 @dataclass
@@ -34,23 +46,31 @@ class LabelPostures:
     Half of the default rows are feasible, each with a verified posture; half are infeasible, each with a re-checked
     proof. What is infeasible even without its moment balance is counted apart. A run that is stopped, however hard,
     goes on where it was when it is started again; the rows do not depend on the number of workers.
+
+    Of a class of leaps, `stancekit label leap-hard data/leaps --scenes 1000`, choices of contacts are tried in every
+    scene: each try is solved, with toes and forces; refuted, with multipliers that prove it; or unsolved, which claims
+    nothing.
     """
 
     problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
     """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package brings, a YAML file,
-    or FILE.py:NAME."""
+    or FILE.py:NAME; or a class of leaps, as leap-hard."""
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Folder of the data set."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the default hexapod."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as stairs:0.5:7."""
-    feasible: int = 500
-    """Feasible rows."""
-    infeasible: int = 500
-    """Infeasible rows, none of them trivial."""
+    feasible: OptionalInt = None
+    """Feasible rows, of postures: 500 where nothing is said."""
+    infeasible: OptionalInt = None
+    """Infeasible rows, none of them trivial: 500 where nothing is said."""
     natural: bool = False
     """Keep the first feasible + infeasible samples as they come instead, whatever their label."""
+    scenes: OptionalInt = None
+    """Scenes, of leaps: 100 where nothing is said."""
+    tries: OptionalText = None
+    """Tries per scene of leaps by each planner of leaps: random=8,finder=4,noise=4 where nothing is said."""
     seed: int = 0
     """Seed; use another one for training than for testing."""
     shard_size: int = 500
@@ -68,38 +88,83 @@ class LabelPostures:
 
     def run(self) -> int:
         """Label and sum up."""
-        from stancekit.datasets import executor, label
+        from stancekit.datasets import executor
+        from stancekit.planners.problem.leap_classes import is_leap_class
 
+        leaps = is_leap_class(self.problem)
         with as_options(*SETTINGS):
+            for name in OF_POSTURES if leaps else OF_LEAPS:
+                if (given := getattr(self, name)) not in (None, False):
+                    of = f"leaps of {self.problem}" if leaps else "postures"
+                    raise InvalidInput(f"--{name}: expected none with {of}, got {given}")
             where = executor(self.executor, workers=self.workers, address=self.address)
             with progress(f"label {self.problem}") as bar:
-                dataset = label(
-                    self.problem,
-                    self.folder,
-                    robot=self.robot,
-                    terrain=self.terrain,
-                    rows=(self.feasible, self.infeasible),
-                    natural=self.natural,
-                    seed=self.seed,
-                    shard_size=self.shard_size,
-                    proposers=self.proposers,
-                    workers=where,
-                    progress=bar,
-                )
-        record, header = dataset.summary().to_json(), dataset.header
+                record, said = self._leaps(where, bar) if leaps else self._postures(where, bar)
         if self.json:
             emit(record)
-        else:
-            out.print(str(self.folder))
-            if header.speaks_of is not None:
-                out.print(f"  {header.problem_class}: {header.speaks_of}", highlight=False)
-            for name, value in record.items():
-                out.print(f"  {name:15} {_plain(value)}")
+            return 0
+        out.print(str(self.folder))
+        for line in said:
+            out.print(f"  {line}", highlight=False)
+        for name, value in record.items():
+            out.print(f"  {name:15} {_plain(value)}")
         return 0
+
+    def _postures(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:
+        """The summary of labelled postures, and what their labels speak of."""
+        from stancekit.datasets import label
+
+        feasible, infeasible = (500 if n is None else n for n in (self.feasible, self.infeasible))
+        dataset = label(
+            self.problem,
+            self.folder,
+            robot=self.robot,
+            terrain=self.terrain,
+            rows=(feasible, infeasible),
+            natural=self.natural,
+            seed=self.seed,
+            shard_size=self.shard_size,
+            proposers=self.proposers,
+            workers=where,
+            progress=bar,
+        )
+        header = dataset.header
+        said = [] if header.speaks_of is None else [f"{header.problem_class}: {header.speaks_of}"]
+        return dataset.summary().to_json(), said
+
+    def _leaps(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:
+        """The summary of labelled tries, and what their labels mean."""
+        from stancekit.datasets import label
+
+        tries = label(
+            self.problem,
+            self.folder,
+            scenes=100 if self.scenes is None else self.scenes,
+            tries=None if self.tries is None else _counts(self.tries),
+            seed=self.seed,
+            shard_size=self.shard_size,
+            workers=where,
+            progress=bar,
+        )
+        said = [f"{kind}: {meaning}" for kind, meaning in tries.header.speaks_of.items()]
+        return tries.summary().to_json(), said
+
+
+def _counts(text: str) -> dict[str, int]:
+    """The numbers of "random=8,finder=4". Raises InvalidInput."""
+    counts = {}
+    for part in text.split(","):
+        name, _, count = part.partition("=")
+        if not count.isdecimal() or name in counts:
+            raise InvalidInput(f"--tries: expected counts by planner, as random=8,finder=4, got {text!r}")
+        counts[name] = int(count)
+    return counts
 
 
 def _plain(value: dict[str, int] | float | None) -> str:
     """Counts, or a number, as people read them."""
     if isinstance(value, dict):
         return ", ".join(f"{count} {kind}" for kind, count in value.items() if count)
+    if isinstance(value, int):
+        return str(value)
     return "–" if value is None else f"{value:.3g}"

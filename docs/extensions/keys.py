@@ -65,8 +65,10 @@ SECTIONS = (
     Section("Courses laid out", "`stancekit/course/1`, JSON, as plans and proofs contain it; written by the program.",
             ("planners.problem.course_json:_CourseJson",)),
     Section("Envelopes", "`stancekit/envelope/1`, JSON.", ("planners.relaxation.envelope:_EnvelopeSetJson",)),
-    Section("Data sets", "`header.json` and `timing-N.json` of `stancekit/dataset/1`; written by the program.",
-            ("envs.data.ledger:Header", "envs.data.label_plan:LabelPlan", "envs.data.ledger:Timing")),
+    Section("Data sets", "`header.json` of `stancekit/dataset/1` (postures) and of `stancekit/tries/1` (leaps), and "
+            "`timing-N.json`; written by the program.",
+            ("envs.data.ledger:Header", "envs.data.label_plan:LabelPlan", "envs.data.ledger:TryHeader",
+             "envs.data.label_plan:TryPlan", "envs.data.ledger:Timing")),
 )  # fmt: skip
 
 INTERNAL = {
@@ -83,6 +85,7 @@ INTERNAL = {
     "learners.selectors.shipped:Figure": "cards of selectors that ship, which a benchmark writes",
     "learners.selectors.shipped:Quotas": "cards of selectors that ship, which a benchmark writes",
     "envs.data.label_plan:Counts": "written by the program into shards",
+    "envs.data.ledger:Head": "what headers of data sets share",
     "envs.data.ledger:Tally": "written by the program into shards",
     "runner.worlds.setup_file:SetupFile": "what servo and rosbridge files share",
     "planners.problem.terrain_spec:TerrainSpec": "what all kinds of terrain share",

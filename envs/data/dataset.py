@@ -22,7 +22,6 @@ from stancekit.planners.robot import Limb, Robot
 
 from .labelled_posture import LabelledPosture, problem_of, row_of
 from .ledger import Header, Ledger, shard_name
-from .pools import folder_of
 from .summary import Summary
 
 if TYPE_CHECKING:
@@ -76,16 +75,15 @@ class Dataset:
 
         Raises InvalidInput for what is missing, foreign, damaged or of another version.
         """
-        ledger = Ledger.open(folder_of(path))
-        if ledger.missing:
-            first, count = shard_name(ledger.missing[0]), len(ledger.missing)
-            raise InvalidInput(f"{path}: {first} and {count - 1} more shards are missing: label this plan again")
+        ledger = Ledger.whole(path, Header)
         return cls(ledger=ledger, chosen=np.arange(ledger.starts[-1]))
 
     @property
     def header(self) -> Header:
         """What was planned, and with what."""
-        return self.ledger.header
+        header = self.ledger.header
+        assert isinstance(header, Header)
+        return header
 
     @property
     def problem_class(self) -> str:

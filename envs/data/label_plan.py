@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, fields
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, field, fields
+from types import MappingProxyType
 from typing import ClassVar
 
 from pydantic import ConfigDict
@@ -12,10 +15,42 @@ from stancekit.planners.robot.robot_file import BUILT_IN
 
 MOST_ROWS, MOST_SHARDS = 10**9, 10**5
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+ORDERS = ("random", "rule", "farkas", "finder", "noise")
+"""How choices of a leap's contacts are made, see ``planners.leap.tries``."""
+USUAL_TRIES: Mapping[str, int] = MappingProxyType({"random": 8, "finder": 4, "noise": 4})
+"""Tries of a scene where nothing is said: half of them spread over all choices, the others near those that succeed."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class LabelPlan:
+class RowPlan(ABC):
+    """What to label, of any kind. counted: settings that say how many rows there are in how many shards."""
+
+    counted: ClassVar[tuple[str, ...]]
+
+    @property
+    @abstractmethod
+    def rows(self) -> int:
+        """Rows of the whole set, at most."""
+
+    @property
+    @abstractmethod
+    def shards(self) -> int:
+        """How many shards the rows are spread over."""
+
+    def _check_counts(self, least: Mapping[str, int]) -> None:
+        """Raise InvalidInput for a setting below its least integer, and for more than fits a folder."""
+        for name, smallest in least.items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
+                raise InvalidInput(f"{name}: expected an integer of at least {smallest}, got {value!r}")
+        if self.rows > MOST_ROWS or self.shards > MOST_SHARDS:
+            raise InvalidInput(
+                f"{', '.join(self.counted)}: expected {MOST_ROWS:.0e} rows, {MOST_SHARDS:.0e} shards or fewer, "
+                f"got {self.rows} in {self.shards}"
+            )
+
+@dataclass(frozen=True, kw_only=True)
+class LabelPlan(RowPlan):
     """What to label. The rows follow from it to the last bit, whoever draws them (on processors of one kind).
 
     distribution: name of the distribution of problems; robot, terrain: files that it is of, where not the default
@@ -30,6 +65,7 @@ class LabelPlan:
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    counted: ClassVar[tuple[str, ...]] = ("feasible", "infeasible", "shard_size")
 
     distribution: str
     feasible: int
@@ -47,15 +83,7 @@ class LabelPlan:
     def __post_init__(self) -> None:
         if self.robot in BUILT_IN:
             object.__setattr__(self, "robot", None)  # as it was before there were others
-        for name, least in (("feasible", 0), ("infeasible", 0), ("shard_size", 1), ("seed", 0), ("max_nodes", 1)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < least:
-                raise InvalidInput(f"{name}: expected an integer of at least {least}, got {value!r}")
-        if self.rows > MOST_ROWS or self.shards > MOST_SHARDS:
-            raise InvalidInput(
-                f"feasible, infeasible, shard_size: expected {MOST_ROWS:.0e} rows, {MOST_SHARDS:.0e} shards or fewer, "
-                f"got {self.rows} in {self.shards}"
-            )
+        self._check_counts({"feasible": 0, "infeasible": 0, "shard_size": 1, "seed": 0, "max_nodes": 1})
         for name in ("tolerance", "gap"):
             if not 0.0 < getattr(self, name) < 1.0:
                 raise InvalidInput(f"{name}: expected a number between 0 and 1, got {getattr(self, name)!r}")
@@ -82,8 +110,70 @@ class LabelPlan:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TryPlan(RowPlan):
+    """Which tries of leaps to label. The rows follow from it to the last bit, whoever makes them (as of ``LabelPlan``).
+
+    distribution: a class of ``configs/leaps.yaml``. scenes: how many leaps; number k is drawn from a generator of
+    (seed, k), as in benchmarks. tries: choices of contacts per scene of each order of ``LeapFinder``; fewer where a
+    scene has no more. shard_size: rows a shard, but never less than a scene. seed: sets for training and for testing
+    need different ones. stop: cost of a first step above which a try is given up. share: of the friction, that plans
+    use.
+
+    Raises InvalidInput.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    counted: ClassVar[tuple[str, ...]] = ("scenes", "tries", "shard_size")
+
+    distribution: str
+    scenes: int
+    tries: dict[str, int] = field(default_factory=lambda: dict(USUAL_TRIES))
+    shard_size: int = 500
+    seed: int = 0
+    stop: float = 0.05
+    share: float = 0.8
+
+    def __post_init__(self) -> None:
+        wanted = f"a count for some of {', '.join(ORDERS)}"
+        for order, count in self.tries.items():
+            if order not in ORDERS:
+                raise InvalidInput(f"tries: expected {wanted}, got {order!r}")
+            if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+                raise InvalidInput(f"tries: expected an integer of at least 0 for {order}, got {count!r}")
+        kept = {order: self.tries[order] for order in ORDERS if self.tries.get(order)}
+        if not kept:
+            raise InvalidInput(f"tries: expected {wanted}, got none")
+        object.__setattr__(self, "tries", kept)
+        self._check_counts({"scenes": 1, "shard_size": 1, "seed": 0})
+        for name in ("stop", "share"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise InvalidInput(f"{name}: expected a number above 0 and up to 1, got {getattr(self, name)!r}")
+
+    @property
+    def rows(self) -> int:
+        """Tries of all scenes, where none has too few choices."""
+        return self.scenes * sum(self.tries.values())
+
+    @property
+    def shards(self) -> int:
+        """How many shards the rows are spread over."""
+        return -(-self.scenes // self.scenes_a_shard)
+
+    @property
+    def scenes_a_shard(self) -> int:
+        """Scenes of every shard but the last."""
+        return max(self.shard_size // sum(self.tries.values()), 1)
+
+    def scenes_of(self, shard: int) -> range:
+        """Numbers of the scenes of a shard."""
+        first = shard * self.scenes_a_shard
+        return range(first, min(first + self.scenes_a_shard, self.scenes))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Counts:
-    """How many of each kind; ``infeasible`` leaves out the trivially infeasible."""
+    """How many of each kind; ``infeasible`` leaves out the trivially infeasible. Tries that are solved, refuted and
+    unsolved count as feasible, infeasible and undecided."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError
@@ -24,9 +25,11 @@ from stancekit.planners.files.documents import open_file, read_json
 from stancekit.planners.files.validation import shown, validation_errors
 from stancekit.planners.files.writing import write_bytes
 
-from .label_plan import STRICT
+from .label_plan import STRICT, RowPlan
 from .label_plan import Counts as Counts
 from .label_plan import LabelPlan as LabelPlan
+from .label_plan import TryPlan as TryPlan
+from .pools import folder_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -40,7 +43,29 @@ MOST_SHARD_BYTES = 512_000_000
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class Header(BaseModel):
+class Head(BaseModel):
+    """What the header of every data set says. legs: limbs, in their order. first_sample: SHA-256 of what is drawn
+    first, to know the distribution by. software: versions at the beginning."""
+
+    model_config = STRICT
+    format: str
+    problem_class: str
+    legs: list[str] = Field(min_length=1)
+    plan: RowPlan
+    first_sample: str
+    software: dict[str, str]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything but the software: what ties a shard to its data set."""
+        return hashlib.sha256(self.model_dump_json(exclude={"software"}, exclude_none=True).encode()).hexdigest()
+
+    def columns(self) -> pa.Schema:
+        """Columns of the shards."""
+        raise NotImplementedError
+
+
+class Header(Head):
     """``header.json``: the plan, and what else is true of every row. legs: of the contacts, in their order.
 
     first_sample: SHA-256 of the first problem drawn, to know the distribution by. software: versions at the beginning.
@@ -49,21 +74,40 @@ class Header(BaseModel):
     hexapod, and in older sets. speaks_of: of what the labels are, in words, where not of the robot itself.
     """
 
-    model_config = STRICT
     format: Literal["stancekit/dataset/1"] = "stancekit/dataset/1"
-    problem_class: str
-    legs: list[str] = Field(min_length=1)
     plan: LabelPlan
-    first_sample: str
-    software: dict[str, str]
     witness: Literal["canonical/1"] | None = None
     robot: str | None = None
     speaks_of: str | None = None
 
-    @property
-    def digest(self) -> str:
-        """SHA-256 of everything but the software: what ties a shard to its data set."""
-        return hashlib.sha256(self.model_dump_json(exclude={"software"}, exclude_none=True).encode()).hexdigest()
+    def columns(self) -> pa.Schema:
+        """Columns of the shards."""
+        return shard_schema(len(self.legs))
+
+
+class TryHeader(Head):
+    """``header.json`` of tries of leaps, the data set's card: what was planned, and what else is true of every row.
+
+    plan: what was asked for. legs: of the robot's limbs, in their order. leap: keys of ``stancekit/leap/1`` that all
+    scenes share; of footholds limb and phase. shapes: of the columns that are arrays. speaks_of: what each label means.
+    first_sample: SHA-256 of the first leap. software: versions at the beginning.
+    """
+
+    format: Literal["stancekit/tries/1"] = "stancekit/tries/1"
+    plan: TryPlan
+    leap: dict[str, Any]
+    shapes: dict[str, list[int]]
+    speaks_of: dict[str, str]
+
+    def columns(self) -> pa.Schema:
+        """Columns of the shards."""
+        return try_schema(self.shapes)
+
+
+HEADERS: Mapping[str, type[Header | TryHeader]] = MappingProxyType(
+    {kind.model_fields["format"].default: kind for kind in (Header, TryHeader)}
+)
+"""The headers that there are, by their formats."""
 
 
 class Tally(BaseModel):
@@ -121,12 +165,31 @@ def shard_schema(contacts: int) -> pa.Schema:
     return pa.schema(columns + [pa.field(name, kind) for name, kind in of_some.items()])
 
 
+def try_schema(shapes: Mapping[str, list[int]]) -> pa.Schema:
+    """Columns of a shard of tries; what a row does not have is null. The scene's are the same in all of its rows."""
+    import pyarrow as pa
+
+    int32, float64, text = pa.int32(), pa.float64(), pa.string()
+    kinds = {"choice": int32, "candidates": int32, "multipliers": pa.float32()}
+    arrays = {name: pa.fixed_shape_tensor(kinds.get(name, float64), shape) for name, shape in shapes.items()}
+    of_all = {"scene": pa.int64(), "number": int32, "order": text, "timing": int32, "choice": arrays["choice"]}
+    of_all |= {"label": text, "solves": int32}
+    of_some = {"first_cost": float64, "cost": float64}
+    of_some |= {name: arrays[name] for name in ("toes_m", "forces_n", "multipliers")}
+    of_scene = {name: arrays[name] for name in ("start", "goal", "candidates")} | {"corners": pa.list_(int32)}
+    of_scene |= {name: pa.list_(float64) for name in ("vertices_m", "normals", "shear_references", "friction")}
+    columns = [pa.field(name, kind, nullable=False) for name, kind in of_all.items()]
+    columns += [pa.field(name, kind) for name, kind in of_some.items()]
+    columns += [pa.field(name, kind, nullable=False) for name, kind in of_scene.items()]
+    return pa.schema([*columns, pa.field("stands_m", arrays["stands_m"])])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ledger:
     """What there is of one data set. tallies: by shard number."""
 
     folder: Path
-    header: Header
+    header: Header | TryHeader
     tallies: Mapping[int, Tally] = field(default_factory=dict)
 
     @classmethod
@@ -136,6 +199,19 @@ class Ledger:
         check_arrow()
         tallies = [read_tally(path, header) for path in sorted(folder.glob("shard-*.parquet"))]
         return cls(folder=folder, header=header, tallies={tally.shard: tally for tally in tallies})
+
+    @classmethod
+    def whole(cls, path: str | Path, kind: type[Head]) -> Ledger:
+        """Open a data set of a kind, by its folder or, where it ships, by its name. Raises InvalidInput, also where
+        shards are missing."""
+        ledger = cls.open(folder_of(path))
+        if not isinstance(ledger.header, kind):
+            wanted = kind.model_fields["format"].default
+            raise InvalidInput(f"{ledger.folder / HEADER}: format: expected {wanted!r}, got {ledger.header.format!r}")
+        if ledger.missing:
+            first, count = shard_name(ledger.missing[0]), len(ledger.missing)
+            raise InvalidInput(f"{path}: {first} and {count - 1} more shards are missing: label this plan again")
+        return ledger
 
     @cached_property
     def starts(self) -> list[int]:
@@ -184,7 +260,7 @@ def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: Timing) -> 
     write_bytes(folder / shard_name(tally.shard), sink.getvalue().to_pybytes())
 
 
-def read_header(folder: Path) -> Header:
+def read_header(folder: Path) -> Header | TryHeader:
     """The header of the data set in this folder. Raises InvalidInput."""
     if not folder.is_dir():
         found = "a file" if folder.exists() else "nothing"
@@ -192,10 +268,12 @@ def read_header(folder: Path) -> Header:
     path = folder / HEADER
     if not path.exists():
         raise InvalidInput(f"{path}: expected the header of a data set, found nothing")
-    return _read_json(path, Header)
+    data: Any = read_json(path)
+    format_ = data.get("format") if isinstance(data, dict) else None
+    return _read_json(path, HEADERS.get(format_, Header) if isinstance(format_, str) else Header)
 
 
-def read_tally(path: Path, header: Header) -> Tally:
+def read_tally(path: Path, header: Head) -> Tally:
     """Metadata of a shard, checked against the header. Raises InvalidInput."""
     import pyarrow.parquet as pq
 
@@ -216,7 +294,7 @@ def read_tally(path: Path, header: Header) -> Tally:
         raise InvalidInput(f"{path}: expected a shard ({SHARD_FORMAT}), got another Parquet file") from None
     if tally.dataset != header.digest or path.name != shard_name(tally.shard) or tally.shard >= header.plan.shards:
         raise InvalidInput(f"{path}: expected a shard of this data set, got shard {tally.shard} of another")
-    if rows != tally.rows.total or not schema.remove_metadata().equals(shard_schema(len(header.legs))):
+    if rows != tally.rows.total or not schema.remove_metadata().equals(header.columns()):
         raise InvalidInput(f"{path}: expected {tally.rows.total} rows of the columns of {SHARD_FORMAT}, got others")
     return tally
 

@@ -29,10 +29,11 @@ from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.verify import check_certificate, check_posture
 
 from .executor import Executor, processes
+from .filling import Progress as Progress
+from .filling import begin, fill
 from .shards import BLOCK, LEAST, KeptPrograms, LabelBlock, ShardDraft, planned, samples
 
 if TYPE_CHECKING:  # torch
@@ -51,24 +52,14 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Progress:
-    """How far a run is. rows, drawn: of all shards that are done; rate: samples drawn per second in this run."""
-
-    shards_done: int
-    shards: int
-    rows: int
-    drawn: int
-    rate: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class RecheckReport:
     """The verifier's word on all stored witnesses and certificates of a data set.
 
     Arguments:
-        witnesses: how many postures were checked.
+        witnesses: how many postures or plans were checked.
         certificates: how many proofs were checked.
-        refused: indices of the rows whose proof is missing, is not accepted or proves less than its row says.
+        refused: indices of the rows whose proof is missing, is not accepted or proves less than its row says; of tries
+            of leaps also of those that are solved, and that a proof of another try of the scene speaks against.
         worst_residual: largest violation by a witness, non-dimensional; NaN without any.
         smallest_bound: least that the certificates of rows that are not trivial prove, likewise.
         seconds: that it took [s].
@@ -125,27 +116,12 @@ def label(
         raise InvalidInput("proposers: expected those whose digest is planned")
     if proposers is not None:
         proposers.check_drawn(source)
-    header = _begin(folder, plan, source)
-    there = ledger.Ledger.open(folder)
-    done, begin = dict(there.tallies), time.perf_counter()
-    earlier = sum(tally.drawn.total for tally in done.values())
+    header = begin(folder, _header(plan, source))
 
-    def report() -> None:
-        drawn, rows = (sum(getattr(tally, name).total for tally in done.values()) for name in ("drawn", "rows"))
-        rate = (drawn - earlier) / max(time.perf_counter() - begin, 1e-9)
-        counts = (len(done), plan.shards, rows, drawn, rate)
-        log.info("label: %d of %d shards, %d rows of %d drawn, %.0f a second", *counts)
-        if progress is not None:
-            progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
+    def drafts(missing: Sequence[int]) -> _Drafts:
+        return _Drafts(header, missing, execute, source, draws_per_row, proposers)
 
-    report()
-    drafts = _Drafts(header, there.missing, execute, source, draws_per_row, proposers)
-    for block in execute(drafts.tasks()):
-        shard = drafts.take(block)
-        if shard is not None:
-            ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
-            done[shard.tally.shard] = shard.tally
-            report()
+    fill(folder, drafts, execute, progress)
     return Dataset.open(folder).summary()
 
 
@@ -187,7 +163,7 @@ class _Drafts:
 
 def recheck(dataset: Dataset) -> RecheckReport:
     """Let the verifier judge every stored witness and certificate again: no solver takes part."""
-    begin, plan = time.perf_counter(), dataset.header.plan
+    began, plan = time.perf_counter(), dataset.header.plan
     refused, residuals, bounds, certificates = [], [], [], 0
     for index, row in enumerate(dataset.rows()):
         accepted = row.status is Status.UNDECIDED
@@ -208,14 +184,14 @@ def recheck(dataset: Dataset) -> RecheckReport:
         refused=tuple(refused),
         worst_residual=max(residuals, default=math.nan),
         smallest_bound=min(bounds, default=math.nan),
-        seconds=time.perf_counter() - begin,
+        seconds=time.perf_counter() - began,
     )
 
 
-def _begin(folder: Path, plan: LabelPlan, source: Distribution) -> Header:
-    """The header of a new data set, or that of the one begun here after checking that it is the same."""
+def _header(plan: LabelPlan, source: Distribution) -> Header:
+    """The header of a new data set."""
     first = next(samples(plan, 0, source))
-    header = Header(
+    return Header(
         problem_class=source.name,
         legs=list(first.legs),
         plan=plan,
@@ -225,23 +201,3 @@ def _begin(folder: Path, plan: LabelPlan, source: Distribution) -> Header:
         robot=first.robot or None,
         speaks_of=INNER if any(contact.reach_rows is not None for contact in first.contacts) else None,
     )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
-    ledger.remove_leftovers(folder)
-    if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
-        write_bytes(folder / ledger.HEADER, header.model_dump_json(indent=1, exclude_none=True).encode())
-        return header
-    there = ledger.read_header(folder)
-    where, begun = f"{folder / ledger.HEADER}", asdict(there.plan)
-    for key, wanted in asdict(plan).items():
-        if wanted != begun[key]:
-            raise InvalidInput(f"{where}: {key}: expected {wanted!r} as planned, got {begun[key]!r}")
-    if there.witness != WITNESS and ledger.Ledger.open(folder).missing:
-        raise InvalidInput(f"{where}: witness: expected {WITNESS!r} to go on with, got {there.witness!r}")
-    if there.digest != header.model_copy(update={"witness": there.witness}).digest:
-        raise InvalidInput(f"{where}: first_sample: expected what {source.name!r} draws here and now, got another")
-    if there.software != header.software:
-        log.warning("%s was begun with %s, goes on with %s", folder, there.software, header.software)
-    return there

@@ -24,7 +24,7 @@ from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
 from stancekit.planners.leap.nlp import LeapNlp
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.rule import Rule
-from stancekit.planners.leap.scp import FRICTION_SHARE, REACH_RESERVE_M, plan_at, plan_of
+from stancekit.planners.leap.scp import FRICTION_SHARE, REACH_RESERVE_M, plan_from, plan_of
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
@@ -202,7 +202,7 @@ class _Bench:
             point = nlp.solve(leap, choice, nlp.nominal(leap, choice, own))
             tries += 1
             if point.solved:
-                plan = plan_at(own, choice, nlp.point_of(own, point), "ipopt")
+                plan = plan_from(own, choice, point.toes_m, point.forces_n, "ipopt")
                 found = check_leap(plan).accepted
                 refused += not found
             if found or time.process_time() - begin > self._settings.ipopt_s:

@@ -143,14 +143,26 @@ class LeapSearch:
         self._rng = np.random.default_rng(method.seed)
         self.last = self._timings[0]
         self.tries = self.solves = 0
+        self._order, self._before = method.order, 0
+
+    @property
+    def _own(self) -> int:
+        """How many tries the present order has made."""
+        return self.tries - self._before
 
     def effort(self, seconds: float) -> Effort:
         """What the search has cost so far, in so much time [s]."""
         return Effort(solves=self.solves, tries=self.tries, seconds=seconds)
 
-    def attempts(self) -> Iterator[Attempt]:
-        """Attempts, timing by timing in turn, until the solves are spent or nothing is left to try."""
+    def attempts(self, order: Order | None = None) -> Iterator[Attempt]:
+        """Attempts, timing by timing in turn, until the solves are spent or nothing is left to try.
+
+        order: another one than the method's; it goes on from what the search has tried and learned so far.
+        """
         method = self._method
+        self._order, self._before = order or method.order, self.tries
+        if self.solves >= method.solves:
+            return
         for timing in self._turns():
             choice = self._choice(timing)
             if choice is None:
@@ -200,7 +212,7 @@ class LeapSearch:
 
     def _learn(self, timing: _Timing, found: Attempt) -> None:
         """Keep the cuts of an attempt that failed."""
-        picker, order = timing.picker, self._method.order
+        picker, order = timing.picker, self._order
         picker.tried.add(tuple(found.choice.tolist()))
         if timing.best is None or found.cost < timing.best[0]:
             timing.best = (found.cost, found.choice)
@@ -218,11 +230,11 @@ class LeapSearch:
 
     def _choice(self, timing: _Timing) -> Index | None:
         """The next choice of a timing, None where there is none left."""
-        order, picker = self._method.order, timing.picker
+        order, picker = self._order, timing.picker
         if order == "random":
             return self._drawn(timing, np.where(np.isfinite(timing.scores), 0.0, -np.inf), 1.0)
         if order == "noise" and self.tries > 0:
-            return self._drawn(timing, timing.scores, min(1.0, 0.4 + 0.1 * self.tries))
+            return self._drawn(timing, timing.scores, min(1.0, 0.4 + 0.1 * self._own))
         return picker.best()
 
     def _drawn(self, timing: _Timing, scores: Array, noise: float) -> Index | None:
@@ -231,7 +243,7 @@ class LeapSearch:
         for _ in range(60):
             gumbel = self._rng.gumbel(size=scores.shape)
             choice = np.asarray((scores + noise * gumbel).argmax(axis=1))
-            if self._method.order == "noise" and self.tries % 2 == 0 and timing.best is not None:
+            if self._order == "noise" and self._own % 2 == 0 and timing.best is not None:
                 j = int(self._rng.choice(np.flatnonzero(np.isfinite(scores).sum(axis=1) > 1)))
                 choice = np.where(rows == j, choice, timing.best[1])
             if timing.picker.allowed(choice):

@@ -7,7 +7,7 @@ against.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,7 @@ from ..equilibrium.layout import Index
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
-from .numbers import LeapNumbers, LeapPoint
+from .numbers import LeapNumbers
 
 Ask = Callable[[Any, float, float], None]
 SOLVED = 1e-3
@@ -116,13 +116,6 @@ class LeapNlp:
             at.forces,
             np.concatenate([at.com[::2], at.velocity, zeros], axis=1),
         )
-
-    def point_of(self, numbers: LeapNumbers, found: NlpPoint) -> LeapPoint:
-        """The toes and forces of a point, as plans are made of them."""
-        forces = (
-            np.array([found.forces_n[k, i] for k, i, _ in self.contacts]) / numbers.leap.weight_n
-        )
-        return replace(numbers.nominal, toes=found.toes_m, forces=forces)
 
     def from_starts(
         self, leap: Leap, choice: Index, starts: int, rng: np.random.Generator

@@ -8,8 +8,9 @@ import numpy as np
 
 from ..answer.certificate import Certificate
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
-from ..equilibrium.layout import Layout
+from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
 from .cuts import MARGIN, Cut, proof_cut, ray, widened
 from .numbers import LeapGiven, LeapNumbers
@@ -89,16 +90,7 @@ class Prover:
         """Solve the relaxation over open candidates, and keep the cut of one that has no answer."""
         self._left -= 1
         numbers = self._numbers
-        reach, rows = widened(numbers)
-        spaces = replace(numbers.scaled.half_spaces, outer_bounds=rows)
-        scaled = replace(
-            numbers.scaled,
-            reach=reach,
-            half_spaces=spaces,
-            friction=np.maximum(numbers.scaled.friction, LEAST_FRICTION),
-        ).only(opened)
-        program = self._programs.get(LeapLift, scaled.layout, numbers.leap.still)
-        solution = program.solve(LeapGiven(scaled, its=numbers))
+        solution, scaled = _relaxed(self._programs, numbers, opened)
         if solution.status is ConicStatus.INFEASIBLE:
             row = ray(numbers, solution)
             self._rows.append(row)
@@ -118,6 +110,31 @@ class Prover:
         shares = np.where(opened > 0.0, self._shares, -1.0)
         p = int(np.where(opened.sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), -1.0).argmax())
         return p, int(shares[p].argmax())
+
+
+def refuting_ray(programs: Programs, numbers: LeapNumbers, choice: Index) -> Array | None:
+    """Multipliers that refute one choice of contacts, by one convex problem; None where it has an answer."""
+    single = np.zeros_like(numbers.scaled.opened())
+    single[np.arange(len(choice)), choice] = 1.0
+    solution, _ = _relaxed(programs, numbers, single)
+    if solution.status is not ConicStatus.INFEASIBLE:
+        return None
+    row = ray(numbers, solution)
+    return row if proof_cut(numbers, row).value(choice) > MARGIN else None
+
+
+def _relaxed(programs: Programs, numbers: LeapNumbers, opened: Array) -> tuple[ConicSolution, Scaled]:
+    """The relaxation over open candidates, solved, and what its program was loaded with."""
+    reach, rows = widened(numbers)
+    spaces = replace(numbers.scaled.half_spaces, outer_bounds=rows)
+    scaled = replace(
+        numbers.scaled,
+        reach=reach,
+        half_spaces=spaces,
+        friction=np.maximum(numbers.scaled.friction, LEAST_FRICTION),
+    ).only(opened)
+    program = programs.get(LeapLift, scaled.layout, numbers.leap.still)
+    return program.solve(LeapGiven(scaled, its=numbers)), scaled
 
 
 def _shares(layout: Layout, weights: Array) -> Array:

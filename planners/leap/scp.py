@@ -161,22 +161,30 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
 
 
 def plan_of(numbers: LeapNumbers, found: Attempt, method: str) -> LeapPlan:
-    """The plan of an attempt."""
-    assert found.point is not None
-    return plan_at(numbers, found.choice, found.point, method)
+    """The plan of an attempt, what its body does worked out from its forces."""
+    point, leap = found.point, numbers.leap
+    assert point is not None
+    forces = np.zeros((numbers.intervals, len(leap.robot.limbs), 3))
+    forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * leap.weight_n
+    return plan_from(numbers, found.choice, point.toes, forces, method)
 
 
-def plan_at(numbers: LeapNumbers, choice: Index, point: LeapPoint, method: str) -> LeapPlan:
-    """The plan of toes and forces on chosen patches, what the body does worked out from them."""
+def plan_from(numbers: LeapNumbers, choice: Index, toes_m: Array, forces_n: Array, method: str) -> LeapPlan:
+    """The plan of toes and forces, what the body does worked out from them.
+
+    choice: a candidate per foothold, shape (P,); toes_m: shape (P, 3); forces_n: of every limb in every interval, shape
+    (M, N, 3).
+    """
     leap = numbers.leap
-    com, velocity = numbers.ballistic(numbers.total(point.forces))
-    moving = replace(point, com=com, velocity=velocity)
+    pushes = forces_n[numbers.contact_intervals, numbers.layout.contacts[1]] / leap.weight_n
+    com, velocity = numbers.ballistic(numbers.total(pushes))
+    still = np.zeros_like(velocity)
+    moving = LeapPoint(
+        com=com, rotation=np.zeros_like(com), velocity=velocity, momentum=still, toes=toes_m, forces=pushes
+    )
     change = numbers.turned(moving)[0]
     momentum = numbers.momentum[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])
     turn = numbers.turned(replace(moving, momentum=momentum))[1]
-    rotation = numbers.start[1] + np.concatenate([np.zeros((1, 3)), np.cumsum(turn, axis=0)])
-    forces = np.zeros((numbers.intervals, len(leap.robot.limbs), 3))
-    forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * leap.weight_n
     return LeapPlan(
         leap=leap,
         timing=numbers.timing,
@@ -184,8 +192,8 @@ def plan_at(numbers: LeapNumbers, choice: Index, point: LeapPoint, method: str) 
         com_m=com[::2],
         velocity_m_s=velocity,
         momentum_m2_s=momentum,
-        rotation_rad=rotation,
-        toes_m=point.toes,
-        forces_n=forces,
+        rotation_rad=numbers.start[1] + np.concatenate([np.zeros((1, 3)), np.cumsum(turn, axis=0)]),
+        toes_m=toes_m,
+        forces_n=forces_n,
         provenance={"method": method},
     )

@@ -170,6 +170,11 @@ def leap_class(name: str) -> LeapClass:
     return classes[checked_choice(name, "distribution", classes)]
 
 
+def is_leap_class(name: str) -> bool:
+    """Whether a name speaks of a class of leaps, be there one or not."""
+    return name == "leap" or name.startswith("leap-")
+
+
 def leap_classes() -> tuple[str, ...]:
     """The names of all classes."""
     return tuple(_classes())

@@ -20,6 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..answer.certificate import Certificate
 from ..answer.report import Report
@@ -51,6 +52,51 @@ def check_leap_certificate(leap: Leap, certificate: Certificate) -> Report[Certi
     else:
         message = f"rejected: leaf {weakest} of {len(bounds)} proves {bound:.3g}, expected above {GUARD:g}"
     return proof_report(leap, certificate, GUARD, bound, len(bounds), weakest, message)
+
+
+class Refuter:
+    """What multipliers prove of single choices of a leap's candidates, worked out anew without a solver."""
+
+    def __init__(self, leap: Leap) -> None:
+        self._leap, self._timings = leap, dict[int, _Bounds]()
+        self._parts: dict[tuple[int, bytes], _Parts] = {}
+
+    def bounds(self, timing: int, row: Array, choices: NDArray[np.int_]) -> Array:
+        """The bound that a row of multipliers has for each choice of a timing; above ``GUARD`` it refutes the choice.
+
+        choices: a candidate per foothold, shape (K, P). Returns shape (K,); −inf where there is no such timing, no such
+        candidate, or a number that is not finite. Multipliers are taken in units of the largest.
+        """
+        nothing = np.full(len(choices), -np.inf)
+        options = np.array([len(foothold.candidates) for foothold in self._leap.footholds])
+        if timing not in range(len(self._leap.timings_s)) or not np.isfinite(row).all():
+            return nothing
+        if choices.ndim != 2 or choices.shape[1] != len(options):
+            return nothing
+        try:
+            parts = self._weighed(timing, row / max(float(np.abs(row).max(initial=0.0)), 1e-300))
+        except _Refused:
+            return nothing
+        its = parts.bounds
+        there = ((choices >= 0) & (choices < options)).all(axis=1)
+        values = {(j, r): its.candidate(parts, j, r) for j, r in sorted(_pairs(choices[there]))}
+        for k in np.flatnonzero(there).tolist():
+            nothing[k] = parts.constant + sum(values[pair] for pair in enumerate(choices[k].tolist()))
+        return nothing
+
+    def _weighed(self, timing: int, row: Array) -> _Parts:
+        """What a row of multipliers weighs, worked out once."""
+        key = (timing, row.tobytes())
+        if key not in self._parts:
+            if timing not in self._timings:
+                self._timings[timing] = _Bounds(self._leap, timing)
+            self._parts[key] = self._timings[timing].parts(row)
+        return self._parts[key]
+
+
+def _pairs(choices: NDArray[np.int_]) -> set[tuple[int, int]]:
+    """(foothold, candidate) of all choices."""
+    return {pair for choice in choices.tolist() for pair in enumerate(choice)}
 
 
 def explain_leap(leap: Leap, certificate: Certificate) -> Explanation:
