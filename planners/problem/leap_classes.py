@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Annotated
 
@@ -15,18 +14,17 @@ from ..files.documents import read_yaml
 from ..files.validation import validated
 from ..robot.leg_limits import leaping_robot
 from ..robot.model import LegLimits, Limb, Robot
-from ..terrain.families import HIGH_X_M, LOW_X_M, FamilyTerrain, family_terrain
+from ..terrain.families import SCENE, family_terrain
 from ..terrain.patch import Patch
-from ..terrain.polygon import STEEP, half_planes
+from ..terrain.terrain import VOID_M, Terrain
 from .candidates import CandidatePatches
 from .foothold import Foothold
 from .leap import BodyState, Leap, LeapLimits, Phase
-from .terrain_spec import Terrain
 
 Range = tuple[float, float]
 DRAWS = 200
 """Scenes of a family are drawn so often until one has footholds for every toe."""
-MIDDLE_M = 0.5 * (LOW_X_M + HIGH_X_M)
+MIDDLE_M = float(SCENE[:, 0].mean())
 """Leaps go over the middle of a family's scene [m]."""
 
 
@@ -109,15 +107,16 @@ class LeapClass(BaseModel):
         )
 
     def _place(
-        self, scene: FamilyTerrain, robot: Robot, xy_m: Array
+        self, scene: Terrain, robot: Robot, xy_m: Array
     ) -> tuple[Array, list[tuple[Patch, ...]]] | None:
         """Where the body is over a place, and the candidates of every toe; None where a toe has none."""
         toes = [xy_m + self._toe(limb, 0.0)[:2] for limb in robot.limbs]
-        ground = [height for toe in toes if (height := _height(scene.patches, toe)) is not None]
+        ground = [float(scene.grid(toe[:1], toe[1:])[0, 0]) for toe in toes]
+        ground = [height for height in ground if height != VOID_M]
         if not ground:
             return None
         com = np.array([*xy_m, float(np.mean(ground)) + self.height_m])
-        surfaces = CandidatePatches(Terrain(scene.patches, scene.footing), 0.0)
+        surfaces = CandidatePatches(scene, 0.0)
         found = []
         for limb in robot.limbs:
             toe = com + self._toe(limb, -self.height_m)
@@ -192,19 +191,6 @@ def _classes() -> dict[str, LeapClass]:
 @lru_cache(maxsize=8)
 def _robot(name: str) -> Robot:
     return nameless() if name == "nameless" else leaping_robot(name)
-
-
-def _height(patches: Sequence[Patch], xy_m: Array) -> float | None:
-    """The height of the highest surface that faces up at a place [m]; None over a void."""
-    found = []
-    for patch in patches:
-        if patch.normal[2] < STEEP:
-            continue
-        normals, offsets = half_planes(patch.vertices_m[:, :2])
-        if np.all(normals @ xy_m <= offsets):
-            lean = (xy_m - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
-            found.append(float(patch.centre_m[2] - lean))
-    return max(found, default=None)
 
 
 def nameless() -> Robot:
