@@ -11,7 +11,7 @@ from pathlib import Path
 from setuptools import Command, setup
 from setuptools.command.editable_wheel import editable_wheel
 
-DATA = ["py.typed", "*.yaml", "*.json", "*.safetensors", "*.obj", "*.urdf", "LICENSE.txt", "pool-*/*"]
+DATA = ["py.typed", "*.yaml", "*.json", "*.safetensors", "*.obj", "*.urdf", "*.srdf", "LICENSE.txt", "pool-*/*"]
 FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")
 EDITABLE = Path(".editable")
 
