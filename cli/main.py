@@ -218,6 +218,10 @@ def run(verb: Verb) -> int:
         return _ended_by(error)
 
 
+OLD = r"\S+ is old: |.*, for one more release: |entry point \S+ of stancekit\."
+"""How this package's own warnings of old names begin."""
+
+
 @contextmanager
 def _without_warnings() -> Iterator[None]:
     """Keep what libraries warn of away from standard error, which is for one line, unless the trace is wanted.
@@ -236,7 +240,7 @@ def _without_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         if not os.environ.get(TRACE):
             warnings.simplefilter("ignore")
-            warnings.filterwarnings("always", category=DeprecationWarning, module="stancekit")
+            warnings.filterwarnings("always", OLD, DeprecationWarning)
             warnings.showwarning = show
         yield
 
