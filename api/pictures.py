@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.posture import Posture
 from stancekit.planners.answer.trajectory import Trajectory
@@ -19,6 +20,7 @@ from stancekit.planners.verify import explain
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.execution import Execution
 from stancekit.views.gaits import draw_motion, motion_frames
+from stancekit.views.leaps import draw_leap
 from stancekit.views.plans import draw_plan
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save
@@ -30,14 +32,14 @@ WALK_FPS = 25.0
 
 @checked
 def draw(
-    subject: PostureProblem | Plan | Trajectory,
+    subject: PostureProblem | Plan | LeapPlan | Trajectory,
     answer: Posture | Certificate | None = None,
     *,
     envelope: Envelope | None = None,
     caption: str = "",
     out: str | Path | None = None,
 ) -> Figure:
-    """Draw a posture problem, a plan of key frames or a walk: terrain by friction, robot, forces in their cones.
+    """Draw a posture problem, a plan of key frames, a leap or a walk: terrain, robot, forces in their cones.
 
     Arguments:
         subject: what to draw.
@@ -69,6 +71,8 @@ def draw(
             figure = draw_posture(subject, posture, envelope=envelope, caption=caption, why=why)
         case Plan():
             figure = draw_plan(subject, caption=caption)
+        case LeapPlan():
+            figure = draw_leap(subject, caption=caption)
         case Trajectory():
             figure = draw_motion(subject, check_trajectory(subject), caption=caption)
     if out is not None:
@@ -78,13 +82,13 @@ def draw(
 
 @checked
 def film(
-    motion: Plan | Trajectory,
+    motion: Plan | LeapPlan | Trajectory,
     out: str | Path,
     executed: Execution | None = None,
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a film of a plan or a walk: as it was planned, or as a simulation executed it.
+    """Write a film of a plan, a leap or a walk: as it was planned, or as a simulation executed it.
 
     Arguments:
         motion: what to show.
@@ -111,10 +115,14 @@ def film(
     write_video(path, counted(frames, total, progress), fps)
 
 
-def frames_of(motion: Plan | Trajectory, executed: Execution | None) -> tuple[Iterator[Frame], int, float]:
+def frames_of(motion: Plan | LeapPlan | Trajectory, executed: Execution | None) -> tuple[Iterator[Frame], int, float]:
     """The frames of a film, how many, and how many a second."""
-    from stancekit.views import executions, plans
+    from stancekit.views import executions, leaps, plans
 
+    if isinstance(motion, LeapPlan):
+        if executed is not None:
+            raise InvalidInput("executed: expected none with a leap, which nothing executes yet")
+        return leaps.leap_frames(motion), len(leaps.film_times(motion)), leaps.FPS
     if isinstance(motion, Plan):
         if executed is None:
             return plans.plan_frames(motion), plans.frame_count(motion), plans.FPS

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import complain, emit, out, progress
+from .console import complain, counted, emit, out, progress
+from .options import check_drawn
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.answer import Answer
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from .plan import PlanCourse
 
-NO_USE = ("relaxation", "robot", "reach", "envelope", "torque_nm", "frames", "picture", "video", "html")
+NO_USE = ("relaxation", "robot", "reach", "envelope", "torque_nm", "frames")
 """Options of ``stancekit plan`` that a leap has no use for."""
 
 
@@ -41,12 +42,34 @@ def plan_leap(asked: PlanCourse) -> int:
                   f"{1e3 * outcome.effort.seconds:.0f} ms", highlight=False)  # fmt: skip
         if outcome.solution is not None and outcome.report is not None:
             out.print(f"verifier: {outcome.report.message}", highlight=False)
-    for path, there in ((asked.out, outcome.solution), (asked.proof, outcome.certificate)):
+    if outcome.solution is not None:
+        _draw(asked, outcome.solution)
+    drawn = [(path, outcome.solution) for path in (asked.picture, asked.video, asked.html)]
+    for path, there in ((asked.out, outcome.solution), (asked.proof, outcome.certificate), *drawn):
         if path is not None:
             complain(f"wrote {path}" if there is not None else f"{path}: not written, since there is none")
     if outcome.solution is None:
         complain(f"stancekit: no plan: {leap.name}: {reason}")
     return int(outcome.status is not Status.FEASIBLE)
+
+
+def _draw(asked: PlanCourse, plan: LeapPlan) -> None:
+    """Write the picture, the film and the page that were asked for."""
+    if asked.picture is not None:
+        from stancekit.views.leaps import draw_leap
+        from stancekit.views.sheet import save
+
+        save(draw_leap(plan), asked.picture)
+    if asked.video is not None:
+        from stancekit.views.leaps import FPS, film_times, leap_frames
+        from stancekit.views.video import write_video
+
+        write_video(asked.video, counted(leap_frames(plan), len(film_times(plan)), f"film {asked.video}"), fps=FPS)
+    if asked.html is not None:
+        from stancekit.views.leaps import LeapView
+        from stancekit.views.page import write_page
+
+        write_page(asked.html, LeapView(plan).film())
 
 
 def _method(asked: PlanCourse) -> Any:
@@ -68,6 +91,7 @@ def _method(asked: PlanCourse) -> Any:
             check_writable(path)
             if path.suffix != ".json":
                 raise InvalidInput(f"{path}: expected a file whose name ends with .json")
+    check_drawn(asked.picture, asked.video, asked.html)
     order: Any = "finder" if asked.planner == "two-stage" else asked.planner
     return LeapFinder(order=order, share=0.8 if asked.reserve else 1.0)
 
