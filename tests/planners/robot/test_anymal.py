@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import stancekit
+from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.hindrance import walk_hindrance
-from stancekit.planners.answer.trajectory import robot_from_json, robot_to_json
+from stancekit.planners.answer.trajectory import Trajectory, robot_from_json, robot_to_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import check_file, read_trajectory, write_trajectory
-from stancekit.planners.gait.method.portfolio import GaitPlan
 from stancekit.planners.robot import single_body
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.robot_model import RobotModel
@@ -97,7 +97,7 @@ def test_it_is_written_with_its_legs_and_read_again(walker: GaitRobot, model: Ro
         robot_from_json(other)
 
 
-def walked(robot: GaitRobot) -> GaitPlan:
+def walked(robot: GaitRobot) -> Answer[Trajectory]:
     """Two seconds on level ground."""
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
     return stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled", robot=robot)
@@ -105,8 +105,8 @@ def walked(robot: GaitRobot) -> GaitPlan:
 
 def test_a_walk_of_the_boxes_is_written_and_judged_by_them(tmp_path: Path) -> None:
     found = walked(anymal())
-    assert found.trajectory is not None
-    write_trajectory(tmp_path / "walk.json", found.trajectory, check_trajectory(found.trajectory))
+    assert found.solution is not None
+    write_trajectory(tmp_path / "walk.json", found.solution, check_trajectory(found.solution))
     assert "urdf" not in (tmp_path / "walk.json").read_text()
     trajectory = read_trajectory(tmp_path / "walk.json").trajectory
     assert trajectory.robot.model is None
@@ -122,7 +122,7 @@ def test_a_walk_with_legs_is_the_same_walk_and_runs_in_mujoco(walker: GaitRobot)
     from stancekit.runner.run import Runner
     from stancekit.runner.worlds import make_world
 
-    boxes, found = walked(anymal()).trajectory, walked(walker).trajectory
+    boxes, found = walked(anymal()).solution, walked(walker).solution
     assert boxes is not None
     assert found is not None
     for name, array in boxes.arrays().items():
