@@ -20,8 +20,10 @@ from .solids import shape_points
 
 Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""
-ROUNDED, ROUNDED_KGM2 = 0.05, 2e-6
-"""By how much rounding may break the triangle's inequality: as a share of the largest moment, and in all."""
+ROUNDED, ROUNDED_KGM2 = 0.05, 4e-6
+"""By how much rounding may break the triangle's inequality: as a share of the largest moment, and in all [kg m²].
+
+A placeholder, 1e-6 in all six entries of a frame that weighs nothing, has a largest moment of 3e-6."""
 FAR = 10.0
 """A moment of this many times m R² is one in other units."""
 LEAST_SHARE = 0.01

@@ -237,3 +237,19 @@ def test_a_foot_of_a_mesh_stays_the_same_robot_whatever_lies_beside_it(tmp_path:
     (tmp_path / "ball.obj").write_text(obj(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])))
     assert named_robot(tmp_path / "robot.urdf").digest != before.digest
     assert not re.search("mesh", before.urdf)
+
+
+def test_a_frame_with_a_placeholder_for_its_inertia_is_no_doubt(tmp_path: Path) -> None:
+    """1e-6 in all entries, as frames of published robots have it, has moments of 3e-6, 0 and 0."""
+    entries = " ".join(f'{name}="1e-6"' for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    frame = (
+        f'<link name="frame"><inertial><mass value="1e-6"/><inertia {entries}/></inertial></link>'
+        '<joint name="hold" type="fixed"><parent link="trunk"/><child link="frame"/></joint></robot>'
+    )
+    made = quadruped().replace("</robot>", frame)
+    assert 'name="frame"' in made
+    model = model_of(made, where="made")
+    assert "frame" not in said(model)
+    from stancekit.runner.worlds.simulated_body import simulated_body
+
+    assert 'name="frame"' in simulated_body(model).urdf

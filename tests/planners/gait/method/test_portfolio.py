@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.budget import SolveBudget
@@ -34,12 +35,15 @@ def plan():
 
 def test_a_plan_is_what_the_verifier_accepts(plan):
     assert plan.verified
-    assert plan.trajectory is not None
-    again = check_trajectory(plan.trajectory)
+    answer = plan.answer
+    assert (answer.status, answer.method) == (Status.FEASIBLE, plan.best.attempt.name)
+    assert answer.solution is not None
+    again = check_trajectory(answer.solution)
     assert again.accepted
-    assert again.digest == plan.report.digest
-    assert plan.trajectory.provenance["chart"] == "decoupled"
-    assert plan.report.answer.torso_m.tolist() == plan.trajectory.torso_m.tolist()
+    assert again.digest == answer.report.digest
+    assert answer.solution.provenance["chart"] == "decoupled"
+    assert answer.report.answer.torso_m.tolist() == answer.solution.torso_m.tolist()
+    assert answer.effort.solves == len(plan.solves)
 
 
 def test_the_first_chart_that_verifies_ends_the_search(plan):
@@ -58,7 +62,7 @@ def test_every_solve_is_on_the_account(plan):
 def test_the_second_phase_does_not_make_the_peak_worse(plan):
     assert plan.feasible[0] is not None
     before = plan.feasible[0].figures["peak_acceleration_g"]
-    assert plan.report.figures["peak_acceleration_g"] <= before
+    assert plan.answer.report.figures["peak_acceleration_g"] <= before
 
 
 def test_what_the_verifier_refuses_is_no_walk_but_the_best_attempt():
@@ -177,7 +181,7 @@ def test_a_gentler_terrain_that_is_walked_is_no_answer():
     assert one.stopped
     assert not one.solution.success
     assert not one.report.accepted
-    assert plan.trajectory is None
+    assert (plan.answer.status, plan.answer.solution) == (Status.UNDECIDED, one.trajectory)
     assert one.trajectory.terrain is asked.terrain
     assert one.solution.violation > 0.1
 
