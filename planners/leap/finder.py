@@ -161,6 +161,8 @@ class LeapSearch:
         """
         method, k = self._method, 0
         self._order, self._before = order or method.order, self.tries
+        for timing in self._timings:
+            timing.exhausted = False  # another order may find what this one's did not
         while self.solves < method.solves and not all(each.exhausted for each in self._timings):
             self.last = timing = self._timings[k % len(self._timings)]
             k += 1
