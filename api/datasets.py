@@ -32,6 +32,7 @@ FURTHER: Mapping[str, Any] = {
     "natural": bool,
     "shard_size": int,
     "proposers": str | Path | None,
+    "scenes": int | None,
     "tries": Mapping[str, int] | None,
 }
 """What ``label`` takes by name beside its parameters."""
@@ -47,7 +48,6 @@ BESIDE = (
     "robot",
     "terrain",
     "rows",
-    "scenes",
     "seed",
     "workers",
     "progress",
@@ -88,7 +88,6 @@ def label(
     robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
     rows: tuple[int, int] | int = USUAL_ROWS,
-    scenes: int | None = None,
     seed: int = 0,
     workers: int | Executor = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -106,15 +105,15 @@ def label(
         robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets of its legs.
         rows: how many feasible ones, and how many infeasible ones, which need their moment balance to be so; or one
             number: the first so many samples as they come, whatever their label. Not of leaps.
-        scenes: how many leaps are drawn; of leaps alone.
         seed: of the random stream; use another one for training than for testing.
         workers: processes, or an executor, for example of a Ray cluster; the rows do not depend on them.
         progress: called with rows written, and all.
         further: proposers (file of ``stancekit proposers``, asked for postures and proofs before any solver; needs
             torch), shard_size (rows per file, which is what an interruption can lose; 500), natural (True keeps the
             samples as they come with two numbers of rows, too, of which only the sum counts then). Of leaps:
-            shard_size, and tries (how many choices per scene each order of ``LeapFinder`` makes; by default
-            {"random": 8, "finder": 4, "noise": 4}, half of them spread over all choices, the others near good ones).
+            scenes (how many are drawn; has to be given), shard_size, and tries (how many choices per scene each order
+            of ``LeapFinder`` makes; by default {"random": 8, "finder": 4, "noise": 4}, half of them spread over all
+            choices, the others near good ones).
     Returns:
         The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate. Of leaps,
         ``LeapTries``.
@@ -137,11 +136,12 @@ def label(
     run = processes(int(workers)) if isinstance(workers, int | Integral) else workers
     if isinstance(problems, str) and is_leap_class(problems):
         asked_of = {"robot": robot, "terrain": terrain} | given | old
-        _check_no_use(asked_of, but=("shard_size", "tries"), of=f"leaps of {problems}")
+        _check_no_use(asked_of, but=("scenes", "shard_size", "tries"), of=f"leaps of {problems}")
         if rows is not USUAL_ROWS:
             raise InvalidInput(f"rows: expected none with leaps of {problems}, got {shown(rows)}")
-        return _leaps(problems, folder, scenes, given, seed=int(seed), run=run, progress=progress)
-    _check_no_use({"scenes": scenes, "tries": given.pop("tries", None)}, of="postures")
+        return _leaps(problems, folder, given, seed=int(seed), run=run, progress=progress)
+    of_leaps = {name: given.pop(name, None) for name in ("scenes", "tries")}
+    _check_no_use(of_leaps, of="postures")
     wanted = _rows(
         rows, given.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
     )
@@ -209,7 +209,6 @@ def export_scenes(
 def _leaps(
     name: str,
     folder: str | Path,
-    scenes: int | None,
     given: Mapping[str, Any],
     *,
     seed: int,
@@ -217,14 +216,11 @@ def _leaps(
     progress: Callable[[int, int], None] | None,
 ) -> LeapTries:
     """Label tries of a class of leaps. Raises InvalidInput."""
-    if scenes is None:
-        raise InvalidInput(f"scenes: expected how many leaps of {name}, got none")
     settings = {key: value for key, value in given.items() if value is not None}
-    tries = {
-        order: int(count) if isinstance(count, Integral) else count
-        for order, count in settings.pop("tries", USUAL_TRIES).items()
-    }
-    plan = TryPlan(distribution=name, scenes=int(scenes), tries=tries, seed=seed, **settings)
+    if "scenes" not in settings:
+        raise InvalidInput(f"scenes: expected how many leaps of {name}, got none")
+    scenes, tries = int(settings.pop("scenes")), dict(settings.pop("tries", USUAL_TRIES))
+    plan = TryPlan(distribution=name, scenes=scenes, tries=tries, seed=seed, **settings)
 
     def on_progress(state: Progress) -> None:
         if progress is not None:

@@ -94,7 +94,7 @@ class LabelPostures:
         leaps = is_leap_class(self.problem)
         with as_options(*SETTINGS):
             for name in OF_POSTURES if leaps else OF_LEAPS:
-                if (given := getattr(self, name)) not in (None, False):
+                if (given := getattr(self, name)) is not None and given is not False:
                     of = f"leaps of {self.problem}" if leaps else "postures"
                     raise InvalidInput(f"--{name}: expected none with {of}, got {given}")
             where = executor(self.executor, workers=self.workers, address=self.address)

@@ -161,6 +161,8 @@ class LeapSearch:
         """
         method = self._method
         self._order, self._before = order or method.order, self.tries
+        for timing in self._timings:
+            timing.exhausted = False  # another order may find what this one's did not
         if self.solves >= method.solves:
             return
         for timing in self._turns():

@@ -166,3 +166,60 @@ def test_a_damaged_shard_is_named(refusal, started):
     (started / "header.json").write_text(json.dumps(header | {"format": "stancekit/dataset/9"}))
     said = refusal("label", "wall-3", "data", *SAME)
     assert said == "data/header.json: format: expected 'stancekit/dataset/1', got 'stancekit/dataset/9'"
+
+
+FEW = ("--scenes", "2", "--tries", "random=3,finder=1", "--shard-size", "4", "--workers", "1")
+
+
+def test_leaps_are_labelled_verified_and_counted(stancekit, tmp_path):
+    ran = stancekit("label", "leap-few", "tries", *FEW, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    (summary,) = ran.records
+    assert list(summary) == ["scenes", "solved", "refuted", "unsolved", "tries_per_cpu_s"]
+    assert summary["scenes"] == 2
+    assert summary["solved"] + summary["refuted"] + summary["unsolved"] == 8
+    before = shards(tmp_path / "tries")
+    assert len(before) == 2
+    (tmp_path / "tries" / "shard-00000.parquet").unlink()
+    ran = stancekit("label", "leap-few", "tries", *FEW)
+    assert (ran.code, ran.err, shards(tmp_path / "tries")) == (0, "", before)
+    first = [line.split(":")[0].strip() for line in ran.out.splitlines()[:4]]
+    assert first == ["tries", "solved", "refuted", "unsolved"]
+    ran = stancekit("verify", "tries", "--json")
+    assert ran.code == 0
+    assert ran.records[0]["certificates"] == summary["refuted"]
+
+
+def test_a_damaged_shard_of_tries_is_one_line(stancekit, tmp_path):
+    assert stancekit("label", "leap-few", "tries", *FEW).code == 0
+    path = tmp_path / "tries" / "shard-00001.parquet"
+    path.write_bytes(path.read_bytes()[:-20])
+    for command in (("verify", "tries"), ("label", "leap-few", "tries", *FEW)):
+        ran = stancekit(*command)
+        assert ran.code == 2
+        assert ran.err.startswith("stancekit: error: tries/shard-00001.parquet: expected a whole Parquet file, got ")
+        assert len(ran.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (("leap-far",), "distribution: expected one of leap"),
+        (("leap", "--scenes", "0"), "--scenes: expected an integer of at least 1, got 0"),
+        (("leap", "--feasible", "500"), "--feasible: expected none with leaps of leap, got 500"),
+        (("leap", "--infeasible", "0"), "--infeasible: expected none with leaps of leap, got 0"),
+        (("leap", "--robot", "anymal"), "--robot: expected none with leaps of leap, got anymal"),
+        (("leap", "--natural"), "--natural: expected none with leaps of leap, got True"),
+        (("leap", "--tries", "random"), "--tries: expected counts by planner, as random=8,finder=4, got 'random'"),
+        (("leap", "--tries", "luck=2"), "--tries: expected a count for some of random, rule, farkas, finder, noise"),
+        (("wall-3", "--scenes", "3"), "--scenes: expected none with postures, got 3"),
+        (("wall-3", "--tries", "random=3"), "--tries: expected none with postures, got random=3"),
+    ],
+)
+def test_what_leaps_or_postures_have_no_use_for_is_refused_by_name(stancekit, tmp_path, command, message):
+    name, *options = command
+    ran = stancekit("label", name, "tries", *options, "--workers", "1")
+    assert ran.code == 2
+    assert ran.err.startswith(f"stancekit: error: {message}")
+    assert len(ran.err.splitlines()) == 1
+    assert not (tmp_path / "tries").exists()
