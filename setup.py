@@ -16,7 +16,7 @@ FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")
 EDITABLE = Path(".editable")
 
 
-class Links(Command):
+class LinkPackages(Command):
     """A package of links: the files of api/ one by one, for the other folders stand beside them."""
 
     description = "make .editable, which an editable install and type checkers read"
@@ -59,6 +59,6 @@ setup(
     packages=packages,
     package_dir=package_dir,
     package_data=dict.fromkeys(packages, DATA),
-    cmdclass={"links": Links, "editable_wheel": Editable},
+    cmdclass={"links": LinkPackages, "editable_wheel": Editable},
     options={"editable_wheel": {"mode": "compat"}, "egg_info": {"egg_base": "."}},
 )

@@ -95,8 +95,8 @@ def plan(
             there is so far is in the outcome [s]. A planner that was made before keeps to its own limit, too.
         old: settings of methods and limits as arguments, which is the old form.
     Returns:
-        An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every stance and between them, as far
-        as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a robot's own
+        An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every stance and between
+        them, as far as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a robot's own
         legs, for the course in ``problem``; or undecided, also with a plan whose joints cannot do it, whose bodies
         collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan. Of a
         leap, one with a ``LeapPlan``.

@@ -48,8 +48,8 @@ def solve(
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
         old: settings of methods as arguments, which is the old form.
     Returns:
-        An ``Answer``: feasible with a posture, its ``solution``, or infeasible with a certificate, each accepted by the verifier; else
-        undecided. The status speaks of the problem itself, whatever relaxation was solved.
+        An ``Answer``: feasible with a posture, its ``solution``, or infeasible with a certificate, each accepted by the
+        verifier; else undecided. The status speaks of the problem itself, whatever relaxation was solved.
     Raises:
         InvalidInput: for an unknown method, a setting or a limit that it has no use for, envelopes that are missing or
             were learned for other problems, and a solver that is not installed.

@@ -93,8 +93,8 @@ def walk(
             the first feasible point as it is), seeds (how many initial guesses of each chart to try, the smoothest
             accepted walk is kept) and seed (of the perturbed ones).
     Returns:
-        An ``Answer``: feasible with the walk that the verifier accepted, its ``solution``; else undecided, with the best
-        walk that there is so far, if any. ``message`` says in one line what came of it.
+        An ``Answer``: feasible with the walk that the verifier accepted, its ``solution``; else undecided, with
+        the best walk that there is so far, if any. ``message`` says in one line what came of it.
     Raises:
         InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet that the
             robot lacks, a walk longer than its time.

@@ -27,12 +27,12 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.emulators.servo_bus import ServoBus
+from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
-from stancekit.runner.worlds.dynamixel.calibration import Turning, nominal
+from stancekit.runner.worlds.dynamixel.calibration import ServoTicks, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 
 SERVOS = Actuators(joints={"*": "XM540-W270"})
@@ -56,7 +56,7 @@ class Arguments(Options):
 class Sent:
     """A log that keeps commands; bus: its servos are loaded by what they are sent for loads."""
 
-    def __init__(self, bus: ServoBus | None = None) -> None:
+    def __init__(self, bus: EmulatedBus | None = None) -> None:
         self.asked, self.sent, self.lean, self._bus = list[Array](), list[Array](), list[Array](), bus
 
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
@@ -85,13 +85,13 @@ def measured(accepted: Accepted, rate_hz: float) -> dict[str, Any]:
     robot, simulated = accepted.plan.course.robot, Sent()
     world = make_world("mujoco", robot, rate_hz=rate_hz, actuators=SERVOS)
     first = Runner(world, settings=RunSettings(blind=True), log=simulated).run(accepted)
-    with ServoBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
+    with EmulatedBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
         calibration = nominal(world.joints, port=bus.path, watchdog_s=WATCHDOG_S)
         joints = {name: replace(each, current_a=CURRENT_A) for name, each in calibration.joints.items()}
         calibration, real = replace(calibration, latency_ms=LATENCY_MS, joints=joints), Sent(bus)
         servos = DynamixelWorld(robot, calibration, rate_hz=rate_hz)
         then = Runner(servos, dry=False, log=real).run(accepted)
-        ticks = Turning(calibration.ordered(world.joints)).ticks
+        ticks = ServoTicks(calibration.ordered(world.joints)).ticks
         goals = list(bus.goals)
     count = len(simulated.asked)
     same = (k for k, asked in enumerate(real.asked) if np.array_equal(asked, simulated.asked[0]))

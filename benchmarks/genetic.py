@@ -27,7 +27,7 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.convergence import Generation
 from stancekit.learners.selectors.convergence_plot import draw_convergence
 from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, extra
-from stancekit.learners.selectors.feasibility import CachingOracle, Counts, FeasibilityOracle, SolvingOracle
+from stancekit.learners.selectors.feasibility import CachingOracle, FeasibilityOracle, SolvingOracle, VerdictCounts
 from stancekit.learners.selectors.genetic import GeneticResult, GeneticSettings, evolve
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -122,7 +122,7 @@ def measure(
     return runs, histories
 
 
-def shares(counts: Counts) -> dict[str, float]:
+def shares(counts: VerdictCounts) -> dict[str, float]:
     """Shares of the evaluations that needed no solve, in all and by what answered them."""
     kinds = {name: getattr(counts, name) for name in ("cached", "witness", "certificate", "range", "trivial")}
     return {name: count / max(counts.total, 1) for name, count in kinds.items()}
@@ -134,9 +134,9 @@ def thirds(history: tuple[Generation, ...]) -> list[dict[str, float]]:
     return [shares(sum_counts([history[int(k)].counts for k in part])) for part in parts]
 
 
-def sum_counts(counts: list[Counts]) -> Counts:
+def sum_counts(counts: list[VerdictCounts]) -> VerdictCounts:
     """Componentwise sum."""
-    return Counts(**{name: sum(asdict(one)[name] for one in counts) for name in asdict(Counts())})
+    return VerdictCounts(**{name: sum(asdict(one)[name] for one in counts) for name in asdict(VerdictCounts())})
 
 
 def show(runs: dict[str, dict[str, Any]]) -> None:

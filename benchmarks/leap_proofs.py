@@ -4,8 +4,8 @@
 
 Choices that a Farkas cut refutes, and the most favourable choices of scenes that a certificate refutes, are given to
 IPOPT (casadi) from five starts: a program with the moments as they are, of forces, toes and the body, which shares
-nothing with the finder, its cuts and their check but the question (``planners/leap/nlp.py``). Whatever it finds is put to the judge below. Cuts are evaluated on
-choices that were solved; forged leaps are put to the verifier.
+nothing with the finder, its cuts and their check but the question (``planners/leap/nlp.py``). Whatever it finds
+is put to the judge below. Cuts are evaluated on choices that were solved; forged leaps are put to the verifier.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from neural import cell, data
 from stancekit.envs.data.scenes import scenes_of
 from stancekit.learners.evaluation.evaluate import Score, evaluate
 from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural
-from stancekit.learners.selectors.neural_training import NeuralSettings, Rows
+from stancekit.learners.selectors.neural_training import NeuralSettings, TrainingRows
 from stancekit.learners.selectors.selector import FixedSelector, Learned
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.equilibrium.programs import Programs
@@ -68,9 +68,9 @@ def main(given: Arguments) -> None:
     begin = time.process_time()
     torch.manual_seed(given.seed)
     torch.set_num_threads(1)
-    feasible, infeasible = (Rows.of(train, label) for label in ("feasible", "infeasible"))
+    feasible, infeasible = (TrainingRows.of(train, label) for label in ("feasible", "infeasible"))
     network = loop()(feasible, infeasible, given.steps).eval()
-    room = calibrated_room(network, Rows.of(held, "feasible"), Programs(), settings)
+    room = calibrated_room(network, TrainingRows.of(held, "feasible"), Programs(), settings)
     like = feasible.problems[0]
     say("the page's loop", NeuralSelector(
         network, problem_class=given.problem, legs=train.header.legs, force_scale_n=like.force_n,
@@ -78,12 +78,12 @@ def main(given: Arguments) -> None:
     ), begin)  # fmt: skip
 
 
-def loop() -> Callable[[Rows, Rows, int], Any]:
+def loop() -> Callable[[TrainingRows, TrainingRows, int], Any]:
     """``learned`` of the page."""
     (code,) = (text for text in BLOCK.findall((ROOT / "docs" / "learning.md").read_text()) if "def learned" in text)
     names: dict[str, Any] = {}
     exec(compile(code.partition("# try it")[0], "docs/learning.md", "exec"), names)
-    found: Callable[[Rows, Rows, int], Any] = names["learned"]
+    found: Callable[[TrainingRows, TrainingRows, int], Any] = names["learned"]
     return found
 
 

@@ -25,7 +25,7 @@ from stancekit.cli.console import progress
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.envs.scenes import Scene
+from stancekit.envs.scenes import LabelledScene
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift
 from stancekit.learners.selectors.chooser import fit_chooser
@@ -157,7 +157,7 @@ def cell(share: Share) -> str:
     return f"{100.0 * share.value:.1f} ({100.0 * low:.1f}–{100.0 * high:.1f})"
 
 
-def judged(name: str, learned: Learned, scenes: list[Scene], problem: str, seconds: float) -> Score:
+def judged(name: str, learned: Learned, scenes: list[LabelledScene], problem: str, seconds: float) -> Score:
     """Roll a selector out."""
     with progress(f"{problem} evaluate {name}") as bar:
         score = evaluate(name, learned, scenes, problem_class=problem, projections=PROJECTIONS, progress=bar)

@@ -135,8 +135,8 @@ def summary(outcome: Answer[Plan]) -> dict[str, Any]:
     """What is kept of an answer."""
     return {
         "status": outcome.status.value, "objective": _number(outcome.objective), "bound": _number(outcome.bound),
-        "seconds": outcome.effort.seconds, "compile_s": outcome.effort.compile_s, "nodes": outcome.details.get("nodes", 0.0),
-        "cuts": outcome.details.get("cuts", 0.0), "claim": outcome.claim,
+        "seconds": outcome.effort.seconds, "compile_s": outcome.effort.compile_s,
+        "nodes": outcome.details.get("nodes", 0.0), "cuts": outcome.details.get("cuts", 0.0), "claim": outcome.claim,
     }  # fmt: skip
 
 

@@ -31,7 +31,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.projection.project import project
-from stancekit.planners.relaxation.micp import Grid
+from stancekit.planners.relaxation.micp import MicpGrid
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
@@ -126,7 +126,7 @@ def solver(name: str, options: Arguments) -> Ask:
     if name == "ipopt":
         return partial(ask_planner, NlpPlanner(time_limit_s=limit))
     if name.endswith("-micp"):
-        grid = Grid(intervals=options.intervals)
+        grid = MicpGrid(intervals=options.intervals)
         micp = MicpPlanner(solver=name.removesuffix("-micp"), grid=grid, time_limit_s=limit)
         return partial(ask_planner, micp)
     module, form = name.removesuffix("-paper"), "paper" if name.endswith("-paper") else "eliminated"

@@ -46,7 +46,7 @@ from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.scenes import ListedScenes, Scene
+from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.neural import fit_neural
@@ -184,7 +184,7 @@ def most(env: TraverseEnv) -> float:
     return max(values) if values else max(always(copy(env), chosen) for chosen in vain)
 
 
-def test_scenes(config: TrainConfig, folder: Path, count: int) -> list[Scene]:
+def test_scenes(config: TrainConfig, folder: Path, count: int) -> list[LabelledScene]:
     """Scenes that need cuts, in the shares of the training scenes, from draws of a seed of their own."""
     share, seed = config.train.feasible / config.train.infeasible, max(config.train.seed, config.held_out.seed) + 1
     rows = 2 * count  # of which at least half need cuts
@@ -194,7 +194,7 @@ def test_scenes(config: TrainConfig, folder: Path, count: int) -> list[Scene]:
     return [cut[index] for index in np.random.default_rng(0).permutation(len(cut))[:count]]
 
 
-def episodes(config: TrainConfig, scenes: Sequence[Scene], policy: Selector) -> NDArray[np.float64]:
+def episodes(config: TrainConfig, scenes: Sequence[LabelledScene], policy: Selector) -> NDArray[np.float64]:
     """Reward, solves and whether there was a verdict of every scene, shape (scenes, 3)."""
     env = EnvelopeRefinementEnv(config.kind, budget=config.budget, scenes=ListedScenes(scenes))
     return refinement_episodes(policy, env, len(scenes))

@@ -81,7 +81,13 @@ def plan_of(course: str, frames: int) -> Any:
         return str(error)
     arrays = None
     if found.solution is not None:
-        arrays = [found.solution.com_m, found.solution.rotation_rad, found.solution.toes_m, found.solution.choice, found.solution.forces_n]
+        arrays = [
+            found.solution.com_m,
+            found.solution.rotation_rad,
+            found.solution.toes_m,
+            found.solution.choice,
+            found.solution.forces_n,
+        ]
     report = None if found.report is None else found.report.message
     return [found.status.value, arrays, found.bound, found.message, report]
 

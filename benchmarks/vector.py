@@ -30,7 +30,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from stancekit.envs.distributions.postures import PostureDistribution, distribution
 from stancekit.envs.sampling import OneByOne
-from stancekit.envs.scenes import Scene
+from stancekit.envs.scenes import LabelledScene
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
@@ -88,9 +88,9 @@ class RecordedScenes(OneByOne):
 
     def __init__(self, recorded: RecordedDistribution) -> None:
         super().__init__(recorded)
-        self.kept: list[Scene] = []
+        self.kept: list[LabelledScene] = []
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Draw and remember."""
         self.kept.append(super().draw(rng))
         return self.kept[-1]
@@ -141,7 +141,7 @@ class BareLoop:
         self._expert = ExactPlanner(programs=self._programs)
         self._acceptance = Acceptance(tolerance=ADMITTED)
 
-    def run(self, problems: list[PostureProblem], scenes: list[Scene], action: np.ndarray) -> None:
+    def run(self, problems: list[PostureProblem], scenes: list[LabelledScene], action: np.ndarray) -> None:
         """Label all problems; put all scenes through both stages."""
         envelope = Envelope.from_vector(action)
         for problem in problems:

@@ -39,7 +39,7 @@ class EmulateBus:
         """Run until somebody ends it."""
         from stancekit.planners.errors import InvalidInput
         from stancekit.planners.files.arrays import checked, checked_int
-        from stancekit.runner.emulators.servo_bus import ServoBus
+        from stancekit.runner.emulators.servo_bus import EmulatedBus
         from stancekit.runner.emulators.start import start_of
         from stancekit.runner.worlds.dynamixel.calibration import Calibration
 
@@ -55,7 +55,7 @@ class EmulateBus:
                 f"--link: expected a path at which a link can be made, got {link}, which is there"
             )
         servos = calibration.ordered(names)
-        with ServoBus(
+        with EmulatedBus(
             [each.id for each in servos],
             calibration.shafts(names, angles).tolist(),
             model=calibration.kind.number,

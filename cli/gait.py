@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Gait:
+class PlanGait:
     """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
 
     TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, stairs:0.1:7, rough:0.5:7, …; between

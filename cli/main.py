@@ -42,12 +42,12 @@ INTERNAL = 70
 TRACE = "STANCEKIT_TRACE"
 
 VERBS = {
-    "sample": "Sample", "solve": "Solve", "verify": "Verify", "label": "LabelPostures", "fit": "Fit", "train": "Train",
-    "proposers": "TrainProposers",
+    "sample": "Sample", "solve": "SolvePostures", "verify": "Verify", "label": "LabelPostures", "fit": "Fit",
+    "train": "Train", "proposers": "TrainProposers",
     "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "play": "Play",
     "simulate": "Simulate",
-    "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "emulate": "Emulate", "robot": "Robot",
-    "warp": "Warp", "gait": "Gait", "bench": "Bench", "demo": "Demo", "about": "About",
+    "terrain": "ShowTerrain", "run": "RunMotion", "replay": "Replay", "emulate": "Emulate", "robot": "ShowRobot",
+    "warp": "Warp", "gait": "PlanGait", "bench": "Bench", "demo": "Demo", "about": "About",
 }  # fmt: skip
 """The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
 COMMANDS = "stancekit.commands"

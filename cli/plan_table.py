@@ -24,7 +24,8 @@ def table_of(course: Course, outcome: Answer[Plan]) -> Table:
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow"}[outcome.status.value]
     table.add_row(
         course.name, outcome.method, str(course.frames), Text(outcome.status.value, style=colour),
-        number(outcome.objective), number(outcome.bound), f"{outcome.effort.compile_s:.2f} s", f"{outcome.effort.seconds:.3f} s",
+        number(outcome.objective), number(outcome.bound), f"{outcome.effort.compile_s:.2f} s",
+        f"{outcome.effort.seconds:.3f} s",
     )  # fmt: skip
     return table
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Robot:
+class ShowRobot:
     """Read a robot: legs, feet, joints, limits, torques, mass, and what each foot reaches. Guesses are marked.
 
     ROBOT is a name, a .urdf file, or a .yaml file that names one and corrects it: the same wherever a robot is asked

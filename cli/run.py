@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Run:
+class RunMotion:
     """Run a plan, or a policy, on a world: a simulator, a log, servos on a bus, or a robot behind a rosbridge.
 
     Only a plan that the verifier accepted is run, unchanged since, on the robot that it was made for. Joints, limits

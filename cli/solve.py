@@ -28,7 +28,7 @@ SETTINGS = ("method", "relaxation", "envelope", "envelopes", "projection", "solv
 
 
 @dataclass
-class Solve:
+class SolvePostures:
     """Can the robot hold these postures, and how? One answer a problem, in input order.
 
     A FILE holds one problem, an array of them, or JSON lines; `-` is standard input. `stancekit sample wall-3` shows

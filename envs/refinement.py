@@ -24,7 +24,7 @@ from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 from .episodes import check_options, checked_render_mode, checked_seed
 from .sampling import MAX_DRAWS
 from .scene_sources import Problem, SceneOptions, SceneSettings
-from .scenes import Scene
+from .scenes import LabelledScene
 from .selection_task import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
@@ -143,7 +143,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         self._programs = settings.programs or Programs()
         self._acceptance = Acceptance()
         self._scenes = settings.source(chosen, self._programs)
-        self._scene: Scene | None = None
+        self._scene: LabelledScene | None = None
         self._scaled: Scaled | None = None
         self._search: BoxSearch | None = None
         self.observation_space: spaces.Space[Any] = refinement_space(self._count)
@@ -214,7 +214,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             "left": _seen(np.array([left])),
         }
 
-    def _info(self, search: BoxSearch, scene: Scene) -> dict[str, Any]:
+    def _info(self, search: BoxSearch, scene: LabelledScene) -> dict[str, Any]:
         verdicts = {Status.FEASIBLE: 1, Status.INFEASIBLE: 0, Status.UNDECIDED: -1}
         return {
             "solves": search.solves,

@@ -17,7 +17,7 @@ from stancekit.planners.plugins import Registry, takes
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 
-from .scenes import Scene
+from .scenes import LabelledScene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Judged:
         reached: the first projection ends in a verified posture.
     """
 
-    scene: Scene
+    scene: LabelledScene
     answer: RelaxationAnswer
     envelope: Envelope
     right: bool

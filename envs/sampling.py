@@ -33,7 +33,7 @@ from stancekit.planners.search.screen import stands, unsupported
 from stancekit.planners.verify import check_certificates, check_postures
 
 from .distributions.postures import Distribution, Repeatable
-from .scenes import Scene
+from .scenes import LabelledScene
 
 MAX_DRAWS = 10_000
 """Problems that a scene may take."""
@@ -53,7 +53,7 @@ class OneByOne:
         self._distribution, self._balanced = distribution, balanced
         self._expert = ExactPlanner(programs=programs)
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
         wanted = bool(rng.integers(2))
         for _ in range(MAX_DRAWS):
@@ -61,7 +61,7 @@ class OneByOne:
             outcome = self._expert.solve(problem)
             if outcome.status is Status.UNDECIDED:
                 continue
-            scene = Scene.of(problem, outcome)
+            scene = LabelledScene.of(problem, outcome)
             if not self._balanced or (scene.feasible == wanted and not outcome.details["trivial"]):
                 return scene
         raise _never(self._distribution)
@@ -104,7 +104,7 @@ class SampledScenes:
         programs = self._expert.programs
         return SampledScenes(self._distribution, balanced=self._balanced, programs=programs, ahead=self._most)
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
         if self._source is None or not isinstance(rng.bit_generator, np.random.PCG64):
             return self._one_by_one.draw(rng)
@@ -219,7 +219,7 @@ class _Claim:
 class _Drawn:
     """A scene, and the generator's states before and after its draws."""
 
-    scene: Scene
+    scene: LabelledScene
     before: Any
     after: Any
 
@@ -243,7 +243,7 @@ def _verified(claims: Sequence[_Claim], accept: Acceptance) -> list[_Drawn]:
     for k, claim in enumerate(claims):
         if k not in right:
             break
-        scene = Scene(
+        scene = LabelledScene(
             problem=claim.problem, feasible=k in places, posture=places.get(k), lower_bound=bound.get(k, 0.0),
             expert_seconds=claim.seconds + share,
         )  # fmt: skip

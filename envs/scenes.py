@@ -20,7 +20,7 @@ from stancekit.planners.problem import PostureProblem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class LabelledScene:
     """One problem with the expert's answer.
 
     feasible: the label. posture: the expert's witness, None where infeasible. lower_bound: what the expert's
@@ -51,7 +51,7 @@ class Scene:
         return self.scaled.point(self.posture)
 
     @classmethod
-    def of(cls, problem: PostureProblem, outcome: Answer[Posture]) -> Scene:
+    def of(cls, problem: PostureProblem, outcome: Answer[Posture]) -> LabelledScene:
         """A problem that the expert decided."""
         return cls(
             problem=problem,
@@ -62,12 +62,12 @@ class Scene:
         )
 
 
-def seen(scene: Scene) -> dict[str, NDArray[np.float32]]:
+def seen(scene: LabelledScene) -> dict[str, NDArray[np.float32]]:
     """The observation of a scene, in arrays of its own."""
     return {name: values.copy() for name, values in scene.observation.items()}
 
 
-def all_seen(scenes: Sequence[Scene]) -> dict[str, NDArray[np.float32]]:
+def all_seen(scenes: Sequence[LabelledScene]) -> dict[str, NDArray[np.float32]]:
     """The observations of scenes of one size, a row each."""
     return {name: np.stack([scene.observation[name] for scene in scenes]) for name in scenes[0].observation}
 
@@ -83,7 +83,7 @@ class SceneKind:
 class SceneSource(Protocol):
     """Anything that hands out scenes."""
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Return the next scene."""
         ...
 
@@ -91,13 +91,13 @@ class SceneSource(Protocol):
 class ListedScenes:
     """Given scenes in their order, over and over; for evaluation."""
 
-    def __init__(self, scenes: Sequence[Scene]) -> None:
+    def __init__(self, scenes: Sequence[LabelledScene]) -> None:
         if not scenes:
             raise InvalidInput("scenes: expected one or more, got none")
         self._scenes = tuple(scenes)
         self._next = 0
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Return the next scene of the list; ``rng`` is not used."""
         scene = self._scenes[self._next % len(self._scenes)]
         self._next += 1
@@ -107,11 +107,11 @@ class ListedScenes:
 class PooledScenes:
     """Given scenes, drawn at random, each as likely at every draw."""
 
-    def __init__(self, scenes: Sequence[Scene]) -> None:
+    def __init__(self, scenes: Sequence[LabelledScene]) -> None:
         if not scenes:
             raise InvalidInput("scenes: expected one or more, got none")
         self._scenes = tuple(scenes)
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Return a scene."""
         return self._scenes[int(rng.integers(len(self._scenes)))]

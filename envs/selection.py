@@ -16,7 +16,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from .episodes import check_options, checked_render_mode, checked_seed
 from .reward import RewardWeights as RewardWeights
 from .scene_sources import Problem
-from .scenes import Scene, seen
+from .scenes import LabelledScene, seen
 from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
 WINDOW = "stancekit"
@@ -114,7 +114,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         settings = settings_from(SelectionSettings, options, beside=("problem", "render_mode"))
         self._task = SelectionTask(problem, settings)
-        self._scene: Scene | None = None
+        self._scene: LabelledScene | None = None
         self._shown: tuple[Posture | None, Envelope | None] = (None, None)
         self.observation_space: spaces.Space[Any] = self._task.observation_space
         self.action_space = self._task.action_space
@@ -160,7 +160,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             _hide()
 
 
-def picture(scene: Scene, posture: Posture | None = None, envelope: Envelope | None = None) -> NDArray[np.uint8]:
+def picture(
+    scene: LabelledScene, posture: Posture | None = None, envelope: Envelope | None = None
+) -> NDArray[np.uint8]:
     """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in that."""
     from stancekit.views.postures import draw_posture
     from stancekit.views.sheet import to_rgb

@@ -29,7 +29,7 @@ from stancekit.planners.verify import check_postures
 
 from .reward import USUAL, Judged, RewardWeights, Term, weighted
 from .scene_sources import Problem, SceneOptions, SceneSettings
-from .scenes import Scene
+from .scenes import LabelledScene
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
@@ -53,7 +53,7 @@ class Verdict:
 class _Trial:
     """One action on one scene before it is judged. postures: by projection; found: how many, before the verifier."""
 
-    scene: Scene
+    scene: LabelledScene
     answer: RelaxationAnswer
     envelope: Envelope
     postures: dict[Projection, Posture]
@@ -154,7 +154,7 @@ class SelectionTask:
             )
         return spaces.Discrete(len(self._library.envelopes))
 
-    def check(self, scene: Scene) -> None:
+    def check(self, scene: LabelledScene) -> None:
         """Raise InvalidInput where a scene does not fit the observation."""
         size = scene.scaled.size
         if size != (self._count, VERTICES):
@@ -163,11 +163,11 @@ class SelectionTask:
                 f"of up to {size[1]} corners"
             )
 
-    def judge(self, scene: Scene, action: NDArray[np.float32] | np.int64) -> Verdict:
+    def judge(self, scene: LabelledScene, action: NDArray[np.float32] | np.int64) -> Verdict:
         """Relax over the chosen boxes, project, compare with the expert."""
         return self.judge_all((scene,), (action,))[0]
 
-    def judge_all(self, scenes: Sequence[Scene], actions: Sequence[Any] | NDArray[Any]) -> list[Verdict]:
+    def judge_all(self, scenes: Sequence[LabelledScene], actions: Sequence[Any] | NDArray[Any]) -> list[Verdict]:
         """``judge`` of an action a scene, the postures of all verified together: every bit is that of one by one."""
         asked = [self._envelopes(action) for action in actions]
         begin = time.perf_counter()
@@ -200,7 +200,7 @@ class SelectionTask:
         return [found[index] for index in range(len(scaled))]
 
     def _project(
-        self, scene: Scene, answer: RelaxationAnswer, envelopes: Sequence[Envelope], p1_seconds: float
+        self, scene: LabelledScene, answer: RelaxationAnswer, envelopes: Sequence[Envelope], p1_seconds: float
     ) -> _Trial:
         """From the point of P1 every projection."""
         begin = time.perf_counter()
@@ -255,7 +255,7 @@ class SelectionTask:
         posture = next((trial.postures[way] for way in self._projections if way in trial.postures), None)
         return Verdict(reward=float(sum(terms.values())), info=info, posture=posture, envelope=envelope)
 
-    def before(self, scene: Scene) -> dict[str, Any]:
+    def before(self, scene: LabelledScene) -> dict[str, Any]:
         """The info of a scene before any action: what the expert knows, and 0 for all that an action comes to."""
         return {
             **self._nothing,

@@ -30,7 +30,7 @@ from stancekit.planners.files.validation import shown
 
 from .episodes import check_options, checked_mask, checked_render_mode, checked_seed
 from .scene_sources import Problem
-from .scenes import Scene, all_seen
+from .scenes import LabelledScene, all_seen
 from .selection import picture
 from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
@@ -193,7 +193,7 @@ class _Batch:
         self._task = task
         self._sources = [copy.copy(task.scenes) for _ in range(size)]
         self._rngs: list[np.random.Generator | None] = [None] * size
-        self._at: list[Scene] = []
+        self._at: list[LabelledScene] = []
         self._answer: Any = None
 
     def begin(self, method: str, argument: Any) -> None:
@@ -237,7 +237,7 @@ class _Batch:
         return pickle.dumps(self)
 
     def _draw(self, mask: NDArray[np.bool_] | None = None) -> _Begun:
-        at: Sequence[Scene | None] = self._at or [None] * len(self._sources)
+        at: Sequence[LabelledScene | None] = self._at or [None] * len(self._sources)
         drawn = zip(self._sources, self._rngs, at, mask if mask is not None else [True] * len(at), strict=True)
         self._at = [
             source.draw(rng) if draws or scene is None else scene

@@ -21,7 +21,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
 from .camera import Camera
-from .scene import Animation, Body, Colour, Facet, Layer, Path, Scene, Sheet, borders, fans
+from .scene import Animation, Colour, DrawnBody, Facet, Layer, Path, Scene, Sheet, borders, fans
 from .shapes import Box, Capsule, Faces, Mesh, Sphere, triangles_of
 from .sheet import DEFAULT_STYLE, Size, headline, sheet, to_rgb
 from .still import GLASS, is_glass, normals_of
@@ -123,7 +123,7 @@ class _Stage:
             eye.frustum_center, eye.frustum_width = 0.5 * (left + right), 0.5 * (right - left)
             eye.frustum_bottom, eye.frustum_top = bottom, top
 
-    def _put_body(self, scene: Any, body: Body) -> None:
+    def _put_body(self, scene: Any, body: DrawnBody) -> None:
         kinds, casts = self._mujoco.mjtGeom, body.opacity == 1.0 and body.layer is not Layer.TOP
         match body.shape:
             case Capsule(length, radii):
@@ -137,7 +137,7 @@ class _Stage:
                 return
         self._put(scene, kind, size, body.position_m, body.rotation, body.colour, body.opacity).castshadow = casts
 
-    def _put_mesh(self, scene: Any, body: Body) -> Any:
+    def _put_mesh(self, scene: Any, body: DrawnBody) -> Any:
         """A mesh, which MuJoCo keeps about its centre and along its axes of inertia."""
         index, own = self.model.mesh(self._meshes[id(body.shape)]).id, np.zeros(9)
         self._mujoco.mju_quat2Mat(own, self.model.mesh_quat[index])

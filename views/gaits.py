@@ -26,7 +26,7 @@ from .contact_strip import FILM_PX, draw_contacts, mark_time
 from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .robots import RobotShape, bent, faded, single_body
-from .scene import UP, Animation, Arrow, Body, Colour, Label, Path, Scene, Sheet
+from .scene import UP, Animation, Arrow, Colour, DrawnBody, Label, Path, Scene, Sheet
 from .shapes import disc, polyline, unit
 from .sheet import (
     ACCENT,
@@ -144,14 +144,14 @@ class GaitView:
         )
 
     @cached_property
-    def footholds(self) -> list[tuple[int, Body]]:
+    def footholds(self) -> list[tuple[int, DrawnBody]]:
         """Every touch-down with its sample."""
         contact, trajectory = self.trajectory.contact, self.trajectory
         began = contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]])
-        found, radius = list[tuple[int, Body]](), 0.06 * self.shape.size_m
+        found, radius = list[tuple[int, DrawnBody]](), 0.06 * self.shape.size_m
         for k, foot in np.argwhere(began).tolist():
             at = trajectory.feet_m[k, foot]
-            found.append((k, Body(
+            found.append((k, DrawnBody(
                 name=f"{self.shape.limbs[foot]} foothold {k}", shape=disc(trajectory.terrain.normal(at[:2]), radius),
                 position_m=at, colour=leg_colour(foot), edge="white", lift_m=1.8 * radius,
             )))  # fmt: skip

@@ -23,7 +23,7 @@ from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .plans import FILM_PX, GOAL, LONGEST, MARGIN_M
 from .robots import RobotShape, climber, cone, cone_body, limb_of_three
-from .scene import ON_M, Animation, Body, Colour, Label, Layer, Path, Scene
+from .scene import ON_M, Animation, Colour, DrawnBody, Label, Layer, Path, Scene
 from .shapes import Mesh, Sphere, hull, polyline, ring, unit
 from .sheet import (
     ACCENT,
@@ -130,9 +130,14 @@ class LeapView:
         """Every candidate, the chosen ones framed, the way of the centre of mass, and the goal."""
         size, goal = self.shape.size_m, self.plan.leap.goal.com_m
         way = Path(
-            pieces_m=polyline(self.path_m), colour=INK, width=1.8, layer=Layer.TOP, lift_m=60.0, halo=True
+            pieces_m=polyline(self.path_m),
+            colour=INK,
+            width=1.8,
+            layer=Layer.TOP,
+            lift_m=60.0,
+            halo=True,
         )
-        mark = Body(
+        mark = DrawnBody(
             name="goal", shape=Sphere(0.06 * size), position_m=goal, colour=GOAL, edge="white",
             layer=Layer.TOP, lift_m=70.0,
         )  # fmt: skip
@@ -141,13 +146,17 @@ class LeapView:
                  layer=Layer.TERRAIN, lift_m=8.0)
             for patch, colour in zip(self.chosen, self.colours, strict=True)
         ]  # fmt: skip
-        return patches(self.candidates, self.bounds_m, self.friction) + Scene(paths=[*rings, way], bodies=[mark])
+        return patches(self.candidates, self.bounds_m, self.friction) + Scene(
+            paths=[*rings, way], bodies=[mark]
+        )
 
     def limbs(self, now: Samples) -> Sequence[Array]:
         """What moves each limb: angles of a robot's own legs, or where the joints of a limb might be."""
         robot, turn = self.plan.leap.robot, rotation_of(now.rotation_rad)
         if self.shape.links is not None:
-            found = self._legs.solve(now.com_m[None], turn[None], now.toes_m[None], now.normals[None], None)
+            found = self._legs.solve(
+                now.com_m[None], turn[None], now.toes_m[None], now.normals[None], None
+            )
             return [angles[0] for angles in found.angles]
         return [
             limb_of_three(now.com_m + arm, toe, unit(arm), limb.reach_m)
@@ -166,21 +175,26 @@ class LeapView:
         for i, (toe, force) in enumerate(zip(now.toes_m, now.forces_n, strict=True)):
             foothold = int(now.foothold[i])
             if foothold >= 0 and float(np.linalg.norm(force)) > 0.0:
-                bodies += [self._windows[foothold], cone_body(f"cone {foothold}", self._cones[foothold], toe)]
-                arrows.append(self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force))
+                bodies += [
+                    self._windows[foothold],
+                    cone_body(f"cone {foothold}", self._cones[foothold], toe),
+                ]
+                arrows.append(
+                    self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force)
+                )
         return Scene(bodies=bodies, arrows=arrows)
 
     @cached_property
-    def _windows(self) -> list[Body]:
+    def _windows(self) -> list[DrawnBody]:
         """The chosen patches, framed in the colour of their limb."""
         return [
-            Body(
+            DrawnBody(
                 name=f"chosen {p}", shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
                 position_m=np.zeros(3), colour=self.friction.to_rgba(np.array(patch.friction))[:3],
                 edge=self.colours[p], opacity=0.55, layer=Layer.TERRAIN, lift_m=9.0,
-            )  # fmt: skip
+            )
             for p, patch in enumerate(self.chosen)
-        ]
+        ]  # fmt: skip
 
     @cached_property
     def _cones(self) -> list[Mesh]:
@@ -195,7 +209,9 @@ class LeapView:
         for time_s in (float(ends[0]), 0.5 * (flight[0] + flight[1]), float(ends[-1])):
             now = self.motion.at(time_s)
             found += self.shape.ghost(now.com_m, rotation_of(now.rotation_rad), self.limbs(now))
-        labels = [Label(name="goal", position_m=self.plan.leap.goal.com_m, text="goal", colour=GOAL)]
+        labels = [
+            Label(name="goal", position_m=self.plan.leap.goal.com_m, text="goal", colour=GOAL)
+        ]
         return found + Scene(labels=labels)
 
     @cached_property
@@ -204,7 +220,11 @@ class LeapView:
         ends = self.plan.times_s
         airborne = (self.plan.leap.holds[self.plan.leap.interval_phases] < 0).all(axis=1)
         k = int(np.argmax(airborne)) if airborne.any() else 0
-        return (float(ends[k]), float(ends[k + 1])) if airborne.any() else (float(ends[0]), float(ends[-1]))
+        return (
+            (float(ends[k]), float(ends[k + 1]))
+            if airborne.any()
+            else (float(ends[0]), float(ends[-1]))
+        )
 
     def film(self, *, fps: float = FPS, pace: float = PACE) -> Animation:
         """The leap's motion, slowed down, with its ends held for a moment."""
@@ -241,7 +261,12 @@ def draw_leap(plan: LeapPlan, *, caption: str = "", size_px: Size | None = None)
     view = LeapView(plan)
     still = Still(view.scene(), view.camera)
     low, high = still.frame()
-    fitted = SIZE_PX[0], int(np.clip((SIZE_PX[0] - 48.0) * (high - low)[1] / (high - low)[0] + 162.0, 560.0, 1100.0))
+    fitted = (
+        SIZE_PX[0],
+        int(
+            np.clip((SIZE_PX[0] - 48.0) * (high - low)[1] / (high - low)[0] + 162.0, 560.0, 1100.0)
+        ),
+    )
     figure = sheet(size_px or fitted, fitted)
     scale = still.paint(plain_axes(figure, 24.0, 70.0, 92.0))
     entries = [

@@ -17,7 +17,7 @@ from stancekit.planners.robot.shapes import Shape
 from stancekit.planners.robot.solids import shape_points
 from stancekit.planners.robot.toes import base_of
 
-from .scene import Body, Colour, between
+from .scene import Colour, DrawnBody, between
 from .shapes import Faces, Mesh, Sphere, hull
 from .sheet import leg_colour
 
@@ -67,7 +67,7 @@ class Links:
         except QhullError:
             return np.pad(flat, ((0, 0), (0, 1)))
 
-    def bodies(self, com_m: Array, rotation: Array, angles: Sequence[Array], *, prefix: str = "") -> list[Body]:
+    def bodies(self, com_m: Array, rotation: Array, angles: Sequence[Array], *, prefix: str = "") -> list[DrawnBody]:
         """The robot with its centre of mass at p_WC, R_WB, and the angles of every leg, shape (n,) [rad].
 
         Legs without shapes are bars from joint to joint.
@@ -92,7 +92,9 @@ class Links:
                 ]  # fmt: skip
             radius = max(leg.radius_m, SMALLEST * model.stand_height_m)
             foot = Sphere(radius)
-            found.append(Body(name=f"{prefix}{leg.name} foot", shape=foot, position_m=chain[-1], colour=leg_colour(i)))
+            found.append(
+                DrawnBody(name=f"{prefix}{leg.name} foot", shape=foot, position_m=chain[-1], colour=leg_colour(i))
+            )
         return found
 
     def split(self, angles: Array) -> list[Array]:
@@ -108,8 +110,8 @@ class Links:
         return found
 
     @staticmethod
-    def _body(name: str, mesh: Mesh, place: Array, rotation: Array, colour: Colour) -> Body:
-        return Body(name=name, shape=mesh, position_m=place, rotation=rotation, colour=colour)
+    def _body(name: str, mesh: Mesh, place: Array, rotation: Array, colour: Colour) -> DrawnBody:
+        return DrawnBody(name=name, shape=mesh, position_m=place, rotation=rotation, colour=colour)
 
 
 def _drawable(shape: Shape) -> bool:

@@ -26,7 +26,7 @@ from .camera import Camera, best_view
 from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .robots import RobotShape, climber, cone, cone_body, limb_of_three
-from .scene import ON_M, Animation, Body, Colour, Label, Layer, Path, Scene
+from .scene import ON_M, Animation, Colour, DrawnBody, Label, Layer, Path, Scene
 from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
 from .sheet import (
     ACCENT,
@@ -136,8 +136,8 @@ class PlanView:
         path = Path(pieces_m=polyline(com), colour=INK, width=1.8, layer=Layer.TOP, lift_m=60.0, halo=True)
         sizes = [(f"com {k}", at, 0.022, INK) for k, at in enumerate(com)] + [("goal", course.goal_m, 0.06, GOAL)]
         marks = [
-            Body(name=name, shape=Sphere(share * size), position_m=at, colour=colour, edge="white", layer=Layer.TOP,
-                 lift_m=70.0)
+            DrawnBody(name=name, shape=Sphere(share * size), position_m=at, colour=colour, edge="white",
+                      layer=Layer.TOP, lift_m=70.0)
             for name, at, share, colour in sizes
         ]  # fmt: skip
         outlines = [
@@ -147,7 +147,7 @@ class PlanView:
         ]  # fmt: skip
         return Scene(paths=[*outlines, path], bodies=marks)
 
-    def chosen_at(self, now: Samples) -> list[Body]:
+    def chosen_at(self, now: Samples) -> list[DrawnBody]:
         """The chosen patches that feet stand on in full colour; of the others ``fixed`` has the outlines."""
         return [self._window(int(p)) for p in np.unique(now.foothold[now.stands])]
 
@@ -157,11 +157,11 @@ class PlanView:
         names = self.plan.course.robot.limb_names
         return [leg_colour(names.index(put.limb)) for put in self.plan.course.footholds]
 
-    def _window(self, foothold: int) -> Body:
+    def _window(self, foothold: int) -> DrawnBody:
         """The chosen patch of a foothold, framed in the colour of its limb; made once."""
         if foothold not in self._windows:
             patch = self.chosen[foothold]
-            self._windows[foothold] = Body(
+            self._windows[foothold] = DrawnBody(
                 name=f"chosen {foothold}",
                 shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
                 position_m=np.zeros(3), colour=self.friction.to_rgba(np.array(patch.friction))[:3],
@@ -169,7 +169,7 @@ class PlanView:
             )  # fmt: skip
         return self._windows[foothold]
 
-    _windows = cached_property(lambda self: dict[int, Body]())
+    _windows = cached_property(lambda self: dict[int, DrawnBody]())
 
     def limbs(self, now: Samples) -> Sequence[Array]:
         """What moves each limb: angles of a URDF's; else where its joints are, shape (J, 3) [m], the foot last.

@@ -22,7 +22,7 @@ from .camera import Camera, best_view
 from .envelope_strip import draw_strip
 from .legend import Entry, draw_legend, force_entry, mark_com
 from .robots import RobotShape, ball, cone, cone_body, hexapod, limb_of_three
-from .scene import UP, Arrow, Body, Facet, Label, Layer, Path, Scene
+from .scene import UP, Arrow, DrawnBody, Facet, Label, Layer, Path, Scene
 from .shapes import Box, dashed, unit
 from .sheet import (
     ACCENT,
@@ -187,7 +187,7 @@ class PostureView:
     def _forces(self, posture: Posture) -> Scene:
         """Contact forces from the toes in cones as high as the normal force, and the weight."""
         scale, thickness = self.metres_a_newton, 0.016 * self.size_m
-        bodies, arrows, labels = list[Body](), list[Arrow](), list[Label]()
+        bodies, arrows, labels = list[DrawnBody](), list[Arrow](), list[Label]()
         for k, contact in enumerate(self.problem.contacts):
             patch, toe, force = contact.patch, posture.toes_m[k], posture.forces_n[k]
             height = max(float(force @ patch.normal) * scale, 0.15 * self.size_m)
@@ -208,7 +208,7 @@ class PostureView:
 
     def _missing(self) -> Scene:
         """Without a posture: a line from every shoulder to its patch, where the limb's name is."""
-        bodies, paths, labels = list[Body](), list[Path](), list[Label]()
+        bodies, paths, labels = list[DrawnBody](), list[Path](), list[Label]()
         for k, (contact, shoulder) in enumerate(zip(self.problem.contacts, self.shoulders_m, strict=True)):
             centre, colour = contact.patch.centre_m, leg_colour(k)
             paths.append(Path(pieces_m=dashed(np.linspace(shoulder, centre, 26)), colour=colour, width=1.6))
@@ -216,11 +216,11 @@ class PostureView:
             labels.append(Label(name=contact.leg, position_m=centre, text=contact.leg, colour=colour))
         return Scene(bodies=bodies, paths=paths, labels=labels)
 
-    def _boxes(self, envelope: Envelope) -> list[Body]:
+    def _boxes(self, envelope: Envelope) -> list[DrawnBody]:
         """The envelope's bounds on p about the centre of mass."""
         low, high = (self.com_m + self.problem.length_scale_m * bounds for bounds in envelope.position)
         return [
-            Body(name=f"{leg} bounds", shape=Box(0.5 * (high[k] - low[k])), position_m=0.5 * (low[k] + high[k]),
+            DrawnBody(name=f"{leg} bounds", shape=Box(0.5 * (high[k] - low[k])), position_m=0.5 * (low[k] + high[k]),
                  colour=leg_colour(k), edge=leg_colour(k), opacity=0.05)
             for k, leg in enumerate(self.problem.legs)
         ]  # fmt: skip

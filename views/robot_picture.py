@@ -12,7 +12,7 @@ from stancekit.planners.robot.workspace import Workspace
 
 from .camera import Camera
 from .links import Links
-from .scene import Body, Facet, Label, Layer, Scene
+from .scene import DrawnBody, Facet, Label, Layer, Scene
 from .shapes import Sphere, hull
 from .sheet import DEFAULT_STYLE, INK, SIZE_PX, Size, headline, leg_colour, plain_axes, sheet
 from .still import Still
@@ -28,9 +28,9 @@ def draw_robot(robot: RobotModel, workspaces: Sequence[Workspace] | None = None,
     feet = np.array([leg.nominal_m for leg in robot.legs])
     size = float(np.ptp(np.vstack([feet, [leg.hip_m for leg in robot.legs]]), axis=0).max())
     bodies = Links(robot).bodies(robot.body.com_m, np.eye(3), stance)
-    bodies.append(Body(name="com", shape=Sphere(0.018 * size), position_m=robot.body.com_m, colour=INK))
+    bodies.append(DrawnBody(name="com", shape=Sphere(0.018 * size), position_m=robot.body.com_m, colour=INK))
     for index, workspace in enumerate(workspaces or ()):
-        bodies.append(Body(
+        bodies.append(DrawnBody(
             name="", shape=hull(workspace.inner.vertices), position_m=np.zeros(3), colour=leg_colour(index),
             opacity=0.1, layer=Layer.GLASS, edge=leg_colour(index),
         ))  # fmt: skip

@@ -14,7 +14,7 @@ from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.single_body import GaitRobot
 
 from .links import Links
-from .scene import UP, Arrow, Body, Colour, Facet, Layer, Path, Scene, between
+from .scene import UP, Arrow, Colour, DrawnBody, Facet, Layer, Path, Scene, between
 from .shapes import Box, Mesh, Shape, Sphere, hull, polyline, prism, unit
 from .sheet import ACCENT, leg_colour
 
@@ -53,7 +53,9 @@ class RobotShape:
         """Where the joints of every limb are, shape (J, 3) [m] each, foot last."""
         return list(limbs) if self.links is None else self.links.chains(position_m, rotation, limbs)
 
-    def bodies(self, position_m: Array, rotation: Array, limbs: Sequence[Array], *, prefix: str = "") -> list[Body]:
+    def bodies(
+        self, position_m: Array, rotation: Array, limbs: Sequence[Array], *, prefix: str = ""
+    ) -> list[DrawnBody]:
         """The robot with its centre of mass at p_WB, R_WB, and its limbs."""
         if self.links is not None:
             return self.links.bodies(position_m, rotation, limbs, prefix=prefix)
@@ -73,10 +75,12 @@ class RobotShape:
             ]
         return found
 
-    def trunk_at(self, position_m: Array, rotation: Array, *, prefix: str = "", opacity: float = 1.0) -> list[Body]:
+    def trunk_at(
+        self, position_m: Array, rotation: Array, *, prefix: str = "", opacity: float = 1.0
+    ) -> list[DrawnBody]:
         """The trunk alone."""
         return [
-            Body(name=f"{prefix}trunk {k}", shape=part.shape, position_m=position_m, rotation=rotation,
+            DrawnBody(name=f"{prefix}trunk {k}", shape=part.shape, position_m=position_m, rotation=rotation,
                  colour=part.colour, edge=STEEL, opacity=opacity, lift_m=part.lift_m)
             for k, part in enumerate(self.trunk)
         ]  # fmt: skip
@@ -155,9 +159,9 @@ def limb_of_three(shoulder: Array, foot: Array, outward: Array, reach_m: float) 
     return np.vstack([shoulder, bent(hip, foot, UP + 0.5 * outward, thigh, shank)])
 
 
-def ball(name: str, position_m: Array, radius_m: float, colour: Colour) -> Body:
+def ball(name: str, position_m: Array, radius_m: float, colour: Colour) -> DrawnBody:
     """A joint or a foot."""
-    return Body(name=name, shape=Sphere(radius_m), position_m=position_m, colour=colour, edge=RIM)
+    return DrawnBody(name=name, shape=Sphere(radius_m), position_m=position_m, colour=colour, edge=RIM)
 
 
 def cone(friction: float, frame: Array, height_m: float) -> Mesh:
@@ -167,12 +171,12 @@ def cone(friction: float, frame: Array, height_m: float) -> Mesh:
     return hull(np.vstack([np.zeros(3), height_m * (frame[:, 0] + max(friction, 1e-3) * across)]))
 
 
-def cone_body(name: str, shape: Mesh, foot_m: Array) -> Body:
+def cone_body(name: str, shape: Mesh, foot_m: Array) -> DrawnBody:
     """A friction cone at a foot."""
-    return Body(name=name, shape=shape, position_m=foot_m, colour=ACCENT, edge=ACCENT, opacity=0.10)
+    return DrawnBody(name=name, shape=shape, position_m=foot_m, colour=ACCENT, edge=ACCENT, opacity=0.10)
 
 
-def faded(bodies: Sequence[Body], strength: float) -> list[Body]:
+def faded(bodies: Sequence[DrawnBody], strength: float) -> list[DrawnBody]:
     """The same bodies, paler the smaller the strength, 0 to 1."""
 
     def tone(colour: Colour) -> Colour:

@@ -41,7 +41,7 @@ CUBE = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Body:
+class DrawnBody:
     """A shape at p_WB, shape (3,) [m], and R_WB, shape (3, 3). edge: colour of its outline, if it has one.
 
     lift_m: how much nearer than it is it counts on paper.
@@ -133,7 +133,7 @@ class Label:
 class Scene:
     """All that is drawn at one moment."""
 
-    bodies: Sequence[Body] = ()
+    bodies: Sequence[DrawnBody] = ()
     facets: Sequence[Facet] = ()
     sheets: Sequence[Sheet] = ()
     arrows: Sequence[Arrow] = ()
@@ -187,7 +187,7 @@ class Animation:
         return middle - half, middle + half
 
 
-def _corners(body: Body, boxes: dict[int, Array]) -> Array:
+def _corners(body: DrawnBody, boxes: dict[int, Array]) -> Array:
     """Of the box of a body's shape, in the world, shape (8, 3) [m]. boxes: of shapes by identity, found once."""
     if id(body.shape) not in boxes:
         low, high = box_of(body.shape)
@@ -233,9 +233,9 @@ def merged(paths: Sequence[Path]) -> list[Path]:
     ]  # fmt: skip
 
 
-def between(name: str, start: Array, end: Array, radii: tuple[float, float], colour: Colour, edge: Colour) -> Body:
+def between(name: str, start: Array, end: Array, radii: tuple[float, float], colour: Colour, edge: Colour) -> DrawnBody:
     """A capsule from one point to another."""
-    return Body(
+    return DrawnBody(
         name=name, shape=Capsule(float(np.linalg.norm(end - start)), radii), position_m=0.5 * (start + end),
         rotation=along(end - start), colour=colour, edge=edge,
     )  # fmt: skip

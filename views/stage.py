@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 
 from stancekit.planners.files.arrays import Array
 
-from .scene import UP, Arrow, Body, Colour, Label, Path, Scene, Sheet, borders, fans, merged
+from .scene import UP, Arrow, Colour, DrawnBody, Label, Path, Scene, Sheet, borders, fans, merged
 from .shapes import Box, Capsule, Faces, Mesh, Shape, mesh_of, triangles_of
 
 POINT_M = 0.0011
@@ -62,7 +62,7 @@ class Stage:
             if name.startswith(roots) and node.visible != (name in shown):
                 node.visible = name in shown
 
-    def _body(self, name: str, body: Body) -> str:
+    def _body(self, name: str, body: DrawnBody) -> str:
         """Put a body in its place; a capsule is made once and stretched."""
         first = self._drawn.get(name)
         if first is None or not _alike(first, body):
@@ -139,7 +139,7 @@ class Stage:
         return name
 
 
-def _alike(first: Body, body: Body) -> bool:
+def _alike(first: DrawnBody, body: DrawnBody) -> bool:
     """Whether a node that was made for the one shows the other, too, once it is moved."""
     return first.colour == body.colour and first.opacity == body.opacity and _same(first.shape, body.shape)
 

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 from stancekit.planners.files.arrays import Array
 
 from .camera import Camera
-from .scene import Arrow, Body, Facet, Layer, Path, Scene, Sheet
+from .scene import Arrow, DrawnBody, Facet, Layer, Path, Scene, Sheet
 from .shapes import Box, Faces, along, arrow_profile, mesh_of, turned
 
 GLASS = 0.10
@@ -94,7 +94,7 @@ class Still:
         edge.append(strength * (0.2 if glass else 1.0))
         self._face(facet.corners_m, (*fill, opacity), edge, facet.width, layer, facet.lift_m - 9.0 * glass)
 
-    def _body(self, body: Body) -> None:
+    def _body(self, body: DrawnBody) -> None:
         corners, faces = mesh_of(body.shape)
         points = corners @ body.rotation.T + body.position_m
         if body.opacity < 1.0:
@@ -126,7 +126,7 @@ class Still:
                 nearest = float(depth[own][front[own]].max()) + 1e-3
                 self._faces.append(((int(layer), nearest), xy[pair], "none", edge, 1.0))
 
-    def _veil(self, points: Array, faces: Faces, body: Body) -> None:
+    def _veil(self, points: Array, faces: Faces, body: DrawnBody) -> None:
         """The silhouette of a convex solid as one translucent face, its edges stronger and those behind faint."""
         xy, near = self.camera.project(points)
         if np.linalg.matrix_rank(xy - xy[0], tol=1e-6) < 2:

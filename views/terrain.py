@@ -13,7 +13,7 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.polygon import clipped
 
-from .scene import Body, Colour, Facet, Layer, Path, Scene, Sheet
+from .scene import Colour, DrawnBody, Facet, Layer, Path, Scene, Sheet
 from .shapes import hull, polyline, thinned
 from .sheet import INK
 
@@ -200,7 +200,7 @@ def stone(patch: Patch, axis: int, level: float, colour: Colour, *, behind: bool
     """A block from the plane up to a patch, its sides a tint of the colour; of glass where seen from behind."""
     tint = 0.35 * np.array(colour) + 0.65 * np.array(rgb("#dcd8d0"))
     foot = np.where(np.arange(3) == axis, level, patch.vertices_m)
-    block = Body(
+    block = DrawnBody(
         name="stone", shape=hull(np.vstack([patch.vertices_m, foot])), position_m=np.zeros(3),
         colour=tuple(tint), edge=None if behind else tuple(0.75 * tint), opacity=0.3 if behind else 1.0,
     )  # fmt: skip

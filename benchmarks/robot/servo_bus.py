@@ -214,12 +214,12 @@ def emulated(folder: Path) -> Iterator[IO[str]]:
     """Standard input of a fresh emulated bus; a thread keeps the log that the other bus keeps itself."""
     from threading import Event, Thread
 
-    from stancekit.runner.emulators.servo_bus import ServoBus
+    from stancekit.runner.emulators.servo_bus import EmulatedBus
 
     names, angles = start_of(folder / "desk.json")
     shafts = Calibration.from_yaml(folder / "servos.yaml", names).shafts(names, angles)
     over, path = Event(), folder / "bus"
-    with ServoBus(position_rad=shafts.tolist()) as bus, (folder / "bus.log").open("w") as log:
+    with EmulatedBus(position_rad=shafts.tolist()) as bus, (folder / "bus.log").open("w") as log:
 
         def follow() -> None:
             while not over.wait(4e-3):

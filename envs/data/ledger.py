@@ -126,7 +126,7 @@ class Tally(BaseModel):
     software: dict[str, str]
 
 
-class Timing(BaseModel):
+class ShardTiming(BaseModel):
     """``timing-00000.json``. cpu_s: of the shard; solve_ms: of every sample, or its share of a block, wall clock."""
 
     model_config = STRICT
@@ -233,10 +233,10 @@ class Ledger:
         except Exception as error:  # what Arrow's readers meet
             raise InvalidInput(f"{path}: expected a whole Parquet file, got {_line(error)}") from None
 
-    def timings(self) -> list[Timing]:
+    def timings(self) -> list[ShardTiming]:
         """Times of the shards, of those that have any."""
         paths = (self.folder / timing_name(shard) for shard in self.tallies)
-        return [_read_json(path, Timing) for path in paths if path.exists()]
+        return [_read_json(path, ShardTiming) for path in paths if path.exists()]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,10 +245,10 @@ class Shard:
 
     table: pa.Table
     tally: Tally
-    timing: Timing
+    timing: ShardTiming
 
 
-def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: Timing) -> None:
+def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: ShardTiming) -> None:
     """Commit a shard: once its file is there, it counts."""
     import pyarrow as pa
     import pyarrow.parquet as pq

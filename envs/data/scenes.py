@@ -10,19 +10,19 @@ import numpy as np
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 
-from ..scenes import Scene
+from ..scenes import LabelledScene
 from .dataset import Dataset, Part
 from .labelled_posture import LabelledPosture
 
 
-def scenes_of(dataset: Dataset) -> list[Scene]:
+def scenes_of(dataset: Dataset) -> list[LabelledScene]:
     """The data set's feasible and hard infeasible rows as scenes."""
     return [scene_of(row) for row in dataset.rows() if row.status is not Status.UNDECIDED and not row.trivial]
 
 
-def scene_of(row: LabelledPosture) -> Scene:
+def scene_of(row: LabelledPosture) -> LabelledScene:
     """A decided row as a scene."""
-    return Scene(
+    return LabelledScene(
         problem=row.problem, feasible=row.status is Status.FEASIBLE, posture=row.posture, lower_bound=row.lower_bound
     )
 
@@ -63,7 +63,7 @@ class ScenePool:
     def __len__(self) -> int:
         return sum(map(len, self._scenes))
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Return a scene."""
         scenes = self._scenes[int(rng.integers(2)) if len(self._scenes) > 1 else 0]
         return scenes[int(rng.integers(len(scenes)))]

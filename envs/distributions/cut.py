@@ -35,7 +35,7 @@ from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
 from .patches import FORWARD, plain_problem, triangle
-from .stance import Stance
+from .stance import NominalStance
 
 SPACING = 0.5
 """Of the lattice, in radii of the smallest patch."""
@@ -140,7 +140,7 @@ class CutDistribution:
     legs: tuple[str, ...]
     friction: tuple[float, float]
     robot: Robot
-    stance: Stance
+    stance: NominalStance
     places: Places
     terrain: str = "ground"
 
@@ -206,7 +206,7 @@ class CutDistribution:
 
 
 def cut(
-    path: str | Path, name: str, robot: Robot, legs: Sequence[str], stance: Stance, friction: tuple[float, float]
+    path: str | Path, name: str, robot: Robot, legs: Sequence[str], stance: NominalStance, friction: tuple[float, float]
 ) -> CutDistribution:
     """Scenes of a terrain's file or name. Raises InvalidInput for one that is none, or has no footholds."""
     places = Places.of(path, SMALLER * stance.circumradius_m[0])

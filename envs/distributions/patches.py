@@ -11,14 +11,16 @@ from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.robot import Robot
 from stancekit.planners.terrain import Patch
 
-from .stance import Stance
+from .stance import NominalStance
 
 _AXES = np.eye(3)
 FORWARD, UPWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 """Shear references on the ground and on walls."""
 
 
-def plain_problem(robot: Robot, legs: Sequence[str], stance: Stance, *, shear: Sequence[float]) -> PostureProblem:
+def plain_problem(
+    robot: Robot, legs: Sequence[str], stance: NominalStance, *, shear: Sequence[float]
+) -> PostureProblem:
     """The problem with every patch in its nominal place, the smallest that is drawn, and without friction."""
     triangles = stance.centre_m[:, None] + triangle(
         stance.normal, np.full(len(legs), stance.circumradius_m[0]), np.zeros(len(legs))

@@ -24,7 +24,7 @@ from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import BUILT_IN
 
 from .patches import FORWARD, UPWARD, leaning, plain_problem, plane_of, triangle
-from .stance import FIVE_LEGS, LAW, Law, Stance, Standing, paper_stance
+from .stance import FIVE_LEGS, LAW, Law, NominalStance, StandingRobot, paper_stance
 
 if TYPE_CHECKING:
     from .cut import CutDistribution
@@ -83,7 +83,7 @@ class PostureDistribution:
     legs: tuple[str, ...]
     friction: tuple[float, float]
     robot: Robot = field(default_factory=hexapod)
-    stance: Stance | None = None
+    stance: NominalStance | None = None
     whole_words: ClassVar[bool] = True  # every number is a uniform double
 
     def sample(self, rng: np.random.Generator) -> PostureProblem:
@@ -109,7 +109,7 @@ class PostureDistribution:
         return rng.random((count, *self._about[1].shape))
 
     @cached_property
-    def _about(self) -> tuple[Stance, Array, Array]:
+    def _about(self) -> tuple[NominalStance, Array, Array]:
         """What is drawn about, and of each limb the bounds of what is drawn, shape (N, 8)."""
         stance = self.stance or paper_stance(self.robot.select(self.legs), self.terrain)
         turn = (0.0, 2.0 * np.pi)
@@ -219,7 +219,7 @@ def distribution(
                 came = value.name if isinstance(value, Robot) else value
                 raise InvalidInput(f"{key}: expected none for {name}, which draws for its own, got {came}")
         return OwnDistribution(REGISTRY.get(name), name)
-    standing = Standing.of(own)
+    standing = StandingRobot.of(own)
     legs, kind = standing.legs(int(law[2]), name), cast(Law, law[1])
     return composed(name, kind, standing, legs, WALL_FRICTION if kind == "wall" else GROUND_FRICTION, terrain)
 
@@ -245,7 +245,7 @@ def distribution_of(
 def composed(
     name: str,
     law: Law,
-    standing: Standing,
+    standing: StandingRobot,
     legs: Sequence[str],
     friction: tuple[float, float],
     terrain: str | Path | None,
@@ -291,7 +291,7 @@ def _from_yaml(
         if own or (law == "terrain" and not named and not Path(raw.terrain).suffix):
             raise InvalidInput(f"terrain: expected ground, wall, or a terrain's file or name, got {raw.terrain!r}")
         file = terrain if terrain is not None or law != "terrain" else raw.terrain if named else folder / raw.terrain
-        standing = Standing.of(robot)
+        standing = StandingRobot.of(robot)
         standing.robot.select(raw.legs)
         return composed(path, law, standing, raw.legs, raw.friction, file)
     except InvalidInput as error:

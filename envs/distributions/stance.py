@@ -45,7 +45,7 @@ SIDEWAYS = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Stance:
+class NominalStance:
     """What a law draws about: nominal centres of the patches and their normals, from the centre of mass, shape (N, 3)
     each [m]; room_m: how far off a centre may be, outwards positive, (N, 3) [m]; sizes [m]; and the body's tilt [rad].
 
@@ -62,10 +62,10 @@ class Stance:
     tilt_limit_rad: float = TILT_LIMIT_RAD
 
 
-def paper_stance(limbs: Sequence[Limb], law: Law) -> Stance:
+def paper_stance(limbs: Sequence[Limb], law: Law) -> NominalStance:
     """Paper E's: patches beside and below the shoulders, or on walls at .40 m to each side."""
     centre, normal, room = zip(*((_wall if law == "wall" else _ground)(limb) for limb in limbs), strict=True)
-    return Stance(np.array(centre), np.array(normal), np.array(room))
+    return NominalStance(np.array(centre), np.array(normal), np.array(room))
 
 
 def _ground(limb: Limb) -> tuple[Array, Array, Array]:
@@ -83,7 +83,7 @@ def _wall(limb: Limb) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Standing:
+class StandingRobot:
     """A robot that scenes are drawn for, and where its toes are as it stands.
 
     robot: as the contact planner has it, inner sets. toes_m: from its centre of mass, shape (N, 3) [m]. reach_m: how
@@ -96,7 +96,7 @@ class Standing:
     paper: bool = False
 
     @classmethod
-    def of(cls, robot: Robot | str | None) -> Standing:
+    def of(cls, robot: Robot | str | None) -> StandingRobot:
         """The robot of a built-in name, a ``.urdf`` or a ``.yaml`` file, or as it is; the default hexapod where None.
 
         Raises InvalidInput for anything else, and for a leg without a workspace that has an inside.
@@ -137,7 +137,7 @@ class Standing:
         chosen = max(combinations(range(len(names)), count), key=lambda some: round(_held(self.toes_m[list(some)]), 6))
         return tuple(names[index] for index in chosen)
 
-    def stance(self, law: Law, legs: Sequence[str]) -> Stance:
+    def stance(self, law: Law, legs: Sequence[str]) -> NominalStance:
         """What scenes on these legs are drawn about. Raises InvalidInput for a leg that is not there."""
         limbs = self.robot.select(legs)
         if self.paper:
@@ -149,10 +149,10 @@ class Standing:
         sizes = radii, size * COM_RADIUS_M, BEYOND * self._farthest, 0.0
         if law != "wall":
             room = np.tile(size * np.array(GROUND_ROOM_M), (len(toes), 1))
-            return Stance(toes, upwards, room, *sizes)
+            return NominalStance(toes, upwards, room, *sizes)
         out = np.column_stack([np.ones(len(toes)), side, np.ones(len(toes))])
         centres = _on_walls([_set_of(limb) for limb in limbs], side, size * WALL_ROOM_M[1])
-        return Stance(centres, out * [0.0, -1.0, 0.0], out * (size * np.array(WALL_ROOM_M)), *sizes)
+        return NominalStance(centres, out * [0.0, -1.0, 0.0], out * (size * np.array(WALL_ROOM_M)), *sizes)
 
     @property
     def _farthest(self) -> float:

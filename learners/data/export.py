@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.labelled_posture import LabelledPosture
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.scenes import Scene, SceneKind
+from stancekit.envs.scenes import LabelledScene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
@@ -166,10 +166,10 @@ class _Scenes:
     def __init__(self, rows: Dataset) -> None:
         self._rows = rows.rows()
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         self.row = row = next(self._rows)
         feasible = row.status is Status.FEASIBLE
-        return Scene(problem=row.problem, feasible=feasible, posture=row.posture, lower_bound=row.lower_bound)
+        return LabelledScene(problem=row.problem, feasible=feasible, posture=row.posture, lower_bound=row.lower_bound)
 
 
 def _episode(

@@ -30,7 +30,7 @@ from stancekit.envs.data.leap_tries import (
     shared_keys,
     table_of_tries,
 )
-from stancekit.envs.data.ledger import Counts, Shard, Tally, Timing, TryHeader, TryPlan
+from stancekit.envs.data.ledger import Counts, Shard, ShardTiming, Tally, TryHeader, TryPlan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.leap.finder import Order
 from stancekit.planners.leap.numbers import LeapNumbers
@@ -169,7 +169,7 @@ class _Drafts:
             undecided_samples=[],
             software=ledger.software(),
         )
-        timing = Timing(
+        timing = ShardTiming(
             shard=shard,
             cpu_s=sum(each.cpu_s for each in scenes),
             solve_ms=[ms for each in scenes for ms in each.ms],

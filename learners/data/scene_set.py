@@ -24,7 +24,7 @@ INDEX = "scenes.json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
+class SceneVerdict:
     """What is known of a scene. proof: of an infeasible one, a certificate that was verified, or that nothing is within
     reach of some toe; else empty."""
 
@@ -32,15 +32,15 @@ class Verdict:
     proof: str = ""
 
 
-def judged(planner: CoursePlanner, name: str) -> Verdict:
+def judged(planner: CoursePlanner, name: str) -> SceneVerdict:
     """Whether the course FAMILY:LEVEL:SEED has a plan, by a planner whose answers are verified. Raises InvalidInput."""
     try:
         outcome = planner.solve(read_course(name))
     except NoFooting:
-        return Verdict(status=Status.INFEASIBLE, proof="no footing")
+        return SceneVerdict(status=Status.INFEASIBLE, proof="no footing")
     if outcome.status is Status.INFEASIBLE and outcome.certificate is None:
-        return Verdict(status=Status.UNDECIDED)
-    return Verdict(status=outcome.status, proof="certificate" if outcome.status is Status.INFEASIBLE else "")
+        return SceneVerdict(status=Status.UNDECIDED)
+    return SceneVerdict(status=outcome.status, proof="certificate" if outcome.status is Status.INFEASIBLE else "")
 
 
 def export_scenes(

@@ -157,7 +157,9 @@ class _Labeller:
         ]
         return rows, kinds, [round(1e3 * outcome.effort.seconds, 3) for outcome in decided.outcomes]
 
-    def _row(self, sample: int, problem: PostureProblem, outcome: Answer[Posture], point: Array | None) -> LabelledPosture:
+    def _row(
+        self, sample: int, problem: PostureProblem, outcome: Answer[Posture], point: Array | None
+    ) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
         status, certificate, bound = outcome.status, outcome.certificate, outcome.bound
         if _kind(outcome) == "infeasible" and point is None:
@@ -291,7 +293,7 @@ class ShardDraft:
         rows = pa.concat_tables(self._rows).combine_chunks()
         numbers = pa.array(np.arange(len(rows)), pa.int32())
         rows = rows.set_column(rows.schema.get_field_index("row"), rows.schema.field("row"), numbers)
-        timing = ledger.Timing(shard=self.shard, cpu_s=self._cpu_s, solve_ms=self._solve_ms)
+        timing = ledger.ShardTiming(shard=self.shard, cpu_s=self._cpu_s, solve_ms=self._solve_ms)
         return Shard(table=rows, tally=tally, timing=timing)
 
 

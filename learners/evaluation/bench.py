@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan, software
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.envs.scenes import Scene
+from stancekit.envs.scenes import LabelledScene
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.projection.project import Projection
@@ -172,7 +172,7 @@ class _Class:
         self._write(method, row)
         return row, load_selector(path)
 
-    def _score(self, method: str, row: _Row, learned: Learned, scenes: list[Scene], test: Dataset) -> Score:
+    def _score(self, method: str, row: _Row, learned: Learned, scenes: list[LabelledScene], test: Dataset) -> Score:
         key = self._row_key(row.file_sha256 or row.fit_key, test)
         notes = {"fit_seconds": row.fit_seconds, "file": row.file}
         if row.row_key == key:
@@ -184,7 +184,7 @@ class _Class:
         self._write(method, _with_score(row, key, score))
         return replace(score, notes={**notes, "kept": False})
 
-    def _lift(self, scenes: list[Scene], test: Dataset) -> Score:
+    def _lift(self, scenes: list[LabelledScene], test: Dataset) -> Score:
         key = self._row_key("lift", test)
         row = self._read("lift")
         if row is not None and row.row_key == key:

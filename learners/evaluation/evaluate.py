@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.scenes import Scene, SceneKind
+from stancekit.envs.scenes import LabelledScene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.planners.answer.answer import Status
@@ -152,7 +152,7 @@ def rollout(
 def evaluate(
     name: str,
     learned: Learned,
-    scenes: Sequence[Scene],
+    scenes: Sequence[LabelledScene],
     *,
     problem_class: str,
     projections: tuple[Projection, ...],
@@ -165,7 +165,7 @@ def evaluate(
 
 
 def evaluate_lift(
-    scenes: Sequence[Scene],
+    scenes: Sequence[LabelledScene],
     *,
     projections: tuple[Projection, ...],
     progress: Progress | None = None,
@@ -176,8 +176,8 @@ def evaluate_lift(
 
 
 def _everywhere(
-    play: Callable[[Sequence[Scene]], list[dict[str, Any]]],
-    scenes: Sequence[Scene],
+    play: Callable[[Sequence[LabelledScene]], list[dict[str, Any]]],
+    scenes: Sequence[LabelledScene],
     progress: Progress | None,
     run: Executor | None,
 ) -> list[dict[str, Any]]:
@@ -203,7 +203,7 @@ class _Player:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_made": None}
 
-    def __call__(self, scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+    def __call__(self, scenes: Sequence[LabelledScene]) -> list[dict[str, Any]]:
         """The info of every scene, numbers only. All scenes are of the same legs."""
         if self._made is None:
             self._made = self._environment(scenes[0].problem.legs)
@@ -225,17 +225,17 @@ class _Dealt:
     """Scenes that are dealt anew for every chunk."""
 
     def __init__(self) -> None:
-        self._scenes: list[Scene] = []
+        self._scenes: list[LabelledScene] = []
 
-    def deal(self, scenes: Sequence[Scene]) -> None:
+    def deal(self, scenes: Sequence[LabelledScene]) -> None:
         self._scenes = list(reversed(scenes))
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
         return self._scenes.pop()
 
 
 def _lifted(
-    programs: Programs, projections: tuple[Projection, ...], scenes: Sequence[Scene]
+    programs: Programs, projections: tuple[Projection, ...], scenes: Sequence[LabelledScene]
 ) -> list[dict[str, Any]]:
     """What the environment would say of each scene if P1 were the lift."""
     acceptance, infos = Acceptance(tolerance=ADMITTED), []

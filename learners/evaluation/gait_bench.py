@@ -40,7 +40,7 @@ from stancekit.planners.warp.spline_map import SplineMap
 from ..data.executor import processes
 from .gait_methods import METHODS as METHODS
 from .gait_methods import PAPER as PAPER
-from .gait_methods import Method as Method
+from .gait_methods import GaitMethod as GaitMethod
 from .gait_row import checked_row
 
 Seconds = Annotated[float, Field(gt=0.0, le=LARGEST)]
@@ -88,7 +88,7 @@ class GaitBenchSettings:
 
 
 @dataclass(frozen=True)
-class Cell:
+class GaitCell:
     """One task, one guess (0: the terrain-following one, else perturbed with this seed), one method."""
 
     terrain: str
@@ -102,14 +102,14 @@ class Cell:
         return f"{self.terrain}-{self.task:02d}-{self.seed}-{self.method}.json"
 
 
-def cells(settings: GaitBenchSettings) -> list[Cell]:
+def cells(settings: GaitBenchSettings) -> list[GaitCell]:
     """Every cell, in the order in which they are measured."""
-    found: list[Cell] = []
+    found: list[GaitCell] = []
     for seed in range(settings.seeds + 1):
         turns = {name: _spread(len(reference_tasks(name)), settings.every) for name in settings.terrains}
         for k in range(max(len(tasks) for tasks in turns.values())):
             found += [
-                Cell(name, turns[name][k], seed, method)
+                GaitCell(name, turns[name][k], seed, method)
                 for name in settings.terrains
                 if k < len(turns[name])
                 for method in settings.methods
@@ -150,7 +150,7 @@ def kept(settings: GaitBenchSettings, folder: Path) -> list[dict[str, Any]]:
     return [row for row in rows if row is not None]
 
 
-def _kept(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any] | None:
+def _kept(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any] | None:
     path = folder / cell.file
     if not path.exists():
         return None
@@ -161,7 +161,7 @@ def _kept(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, An
     return checked_row(content.get("row"), asdict(cell), str(path)) if same else None
 
 
-def measured(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any]:
+def measured(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any]:
     """The row of one cell, and its file."""
     row = {**asdict(cell), **measure(cell, settings, folder)}
     content = json.dumps({"protocol": settings.protocol(), "row": row}, indent=1, allow_nan=False)
@@ -169,7 +169,7 @@ def measured(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str,
     return row
 
 
-def measure(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any]:
+def measure(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any]:
     """The figures of one cell; times are CPU time [s]."""
     method, task = METHODS[cell.method], gait_task(cell.terrain, cell.task)
     try:
@@ -193,7 +193,7 @@ def measure(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, 
     }  # fmt: skip
 
 
-def _planned(cell: Cell, settings: GaitBenchSettings, task: GaitTask) -> dict[str, Any]:
+def _planned(cell: GaitCell, settings: GaitBenchSettings, task: GaitTask) -> dict[str, Any]:
     """The product: all phases, from a guess that is perturbed alike in every chart."""
     caps = Caps(solve_s=settings.cap_s, total_s=settings.total_s)
     attempts = [one.perturbed(cell.seed, settings.noise) if cell.seed else one for one in default_attempts(task)]
@@ -259,7 +259,7 @@ def _map(terrain: str, folder: Path) -> SplineMap:
     return made
 
 
-def _rng(cell: Cell) -> np.random.Generator:
+def _rng(cell: GaitCell) -> np.random.Generator:
     """The same for all methods of a task and a seed."""
     return np.random.default_rng([zlib.crc32(cell.terrain.encode()), cell.task, cell.seed])
 

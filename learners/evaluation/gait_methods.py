@@ -10,7 +10,7 @@ from stancekit.planners.gait.charts import CHARTS
 
 
 @dataclass(frozen=True, kw_only=True)
-class Method:
+class GaitMethod:
     """A way to solve. settings: those of ``GaitSettings`` that it sets; portfolio: the product, with all phases."""
 
     label: str
@@ -20,27 +20,27 @@ class Method:
 
 _PAPER = {"dynamics": "printed", "trunk_clearance_m": None}
 
-_KNOWN: Mapping[str, Method] = {
-    "ambient": Method(label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}),
-    "warped": Method(label="warped, as published", settings={"chart": "warped", **_PAPER}),
-    "decoupled": Method(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
-    "portfolio": Method(label="ours: portfolio, smoothed", portfolio=True),
-    "warped-exact": Method(label="ours: warped-exact, centred", settings={"chart": "warped-exact"}),
-    "shear": Method(label="shear, centred", settings={"chart": "shear"}),
-    "ambient-centred": Method(label="ambient, centred", settings={"chart": "ambient"}),
-    "ambient-lbfgs": Method(label="baseline, L-BFGS", settings={"chart": "ambient", "hessian": "lbfgs", **_PAPER}),
-    "warped-lbfgs": Method(
+_KNOWN: Mapping[str, GaitMethod] = {
+    "ambient": GaitMethod(label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}),
+    "warped": GaitMethod(label="warped, as published", settings={"chart": "warped", **_PAPER}),
+    "decoupled": GaitMethod(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
+    "portfolio": GaitMethod(label="ours: portfolio, smoothed", portfolio=True),
+    "warped-exact": GaitMethod(label="ours: warped-exact, centred", settings={"chart": "warped-exact"}),
+    "shear": GaitMethod(label="shear, centred", settings={"chart": "shear"}),
+    "ambient-centred": GaitMethod(label="ambient, centred", settings={"chart": "ambient"}),
+    "ambient-lbfgs": GaitMethod(label="baseline, L-BFGS", settings={"chart": "ambient", "hessian": "lbfgs", **_PAPER}),
+    "warped-lbfgs": GaitMethod(
         label="warped, as published, L-BFGS", settings={"chart": "warped", "hessian": "lbfgs", **_PAPER}
     ),
-    "decoupled-lbfgs": Method(
+    "decoupled-lbfgs": GaitMethod(
         label="ours: decoupled, L-BFGS", settings={"chart": "decoupled", "hessian": "lbfgs"}
     ),
 }  # fmt: skip
 
-METHODS: Mapping[str, Method] = {
+METHODS: Mapping[str, GaitMethod] = {
     **_KNOWN,
     **{
-        chart: Method(label=f"{chart}, centred", settings={"chart": chart})
+        chart: GaitMethod(label=f"{chart}, centred", settings={"chart": chart})
         for chart in CHARTS.names()
         if chart not in _KNOWN
     },

@@ -25,7 +25,7 @@ from stancekit.planners.files.writing import write_text
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
-from stancekit.planners.relaxation.micp import Grid
+from stancekit.planners.relaxation.micp import MicpGrid
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
@@ -93,7 +93,7 @@ class PlannerBenchSettings:
 
 
 @dataclass(frozen=True)
-class Cell:
+class PlannerCell:
     """One planner at M key frames; gap: of MICP, None for the first point."""
 
     form: Form
@@ -106,11 +106,11 @@ class Cell:
         return f"{self.form}-{self.frames}{'' if self.gap is None else '-optimised'}.json"
 
 
-def cells(settings: PlannerBenchSettings) -> list[Cell]:
+def cells(settings: PlannerBenchSettings) -> list[PlannerCell]:
     """Every cell, the quick ones first."""
-    found = [Cell(form, frames) for form in FORMS if form not in MICP for frames in settings.two_stage]
-    found += [Cell(form, frames) for frames in settings.micp for form in MICP]
-    return found + [Cell(form, frames, settings.gap) for frames in settings.optimised for form in OPTIMISED]
+    found = [PlannerCell(form, frames) for form in FORMS if form not in MICP for frames in settings.two_stage]
+    found += [PlannerCell(form, frames) for frames in settings.micp for form in MICP]
+    return found + [PlannerCell(form, frames, settings.gap) for frames in settings.optimised for form in OPTIMISED]
 
 
 def run(
@@ -149,7 +149,7 @@ def wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
     return envelopes
 
 
-def measure(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
+def measure(cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
     """The row of one cell; times in seconds.
 
     Of re-solving: seconds, solver_s and verify_s, the solver's and the verifier's parts, of the median; cpu_s: CPU time
@@ -161,7 +161,7 @@ def measure(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) 
     return row if paper is None else {**row, "paper": {k: v for k, v in paper.items() if v != float("inf")}}
 
 
-def _two_stage(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
+def _two_stage(cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
     course, programs = read_course(settings.course, frames=cell.frames), Programs()
     planner: TwoStageCoursePlanner | EnvelopeCoursePlanner = (
         TwoStageCoursePlanner(programs=programs)
@@ -186,10 +186,10 @@ def _two_stage(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSe
     }  # fmt: skip
 
 
-def _micp(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
+def _micp(cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
     course = read_course(settings.course, frames=cell.frames)
     form, intervals = cell.form.split("-")
-    grid = Grid(
+    grid = MicpGrid(
         intervals=int(intervals),
         domain="course" if form == "course" else "unit",
         envelope_use="shrink" if form == "shrink" else "rows",

@@ -139,7 +139,9 @@ def _answer(course: Course, outcome: Answer[Plan]) -> dict[str, Any]:
         "steps": sum(len(lifted) for lifted in course.lifts),
         "frames": course.frames,
         "objective": None if math.isnan(outcome.objective) else outcome.objective,
-        "goal_m": None if outcome.solution is None else float(np.linalg.norm(outcome.solution.com_m[-1] - course.goal_m)),
+        "goal_m": None
+        if outcome.solution is None
+        else float(np.linalg.norm(outcome.solution.com_m[-1] - course.goal_m)),
         "seconds": outcome.effort.seconds + outcome.effort.compile_s,
         "solver_s": outcome.effort.solver_s,
         "tried": details.get("tried"),

@@ -19,7 +19,7 @@ from stancekit.planners.files.documents import parse_json
 from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_bytes
 
-from .feasibility import Counts
+from .feasibility import VerdictCounts
 
 FORMAT = "stancekit/evolution/1"
 
@@ -42,18 +42,18 @@ class Generation:
     mutation_rate: float
     evaluations: int
     cached: int
-    counts: Counts
+    counts: VerdictCounts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
+class GeneticRun:
     """Where a run is. population: to be tested next, or the last one in order of rank, shape (P, 2, N, 6)."""
 
     population: Array
     history: Sequence[Generation]
 
 
-def write_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: Run) -> None:
+def write_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: GeneticRun) -> None:
     """Write population, history and the state of the generator, whole or not at all. about: what the run is of."""
     content = io.BytesIO()
     numbers = [[value for value in asdict(done).values() if not isinstance(value, dict)] for done in run.history]
@@ -69,7 +69,7 @@ def write_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Genera
     write_bytes(path, content.getvalue())
 
 
-def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator) -> Run:
+def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator) -> GeneticRun:
     """Read what ``write_checkpoint`` wrote and set the generator to where it was.
 
     Raises InvalidInput for what is damaged, foreign, or of a run with other settings or data.
@@ -86,13 +86,13 @@ def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generat
         history = [
             Generation(
                 number=int(row[0]), **dict(zip(_REALS, map(float, row[1:7]), strict=True)), evaluations=int(row[7]),
-                cached=int(row[8]), counts=Counts(**dict(zip(_KINDS, map(int, counts), strict=True))),
+                cached=int(row[8]), counts=VerdictCounts(**dict(zip(_KINDS, map(int, counts), strict=True))),
             )
             for row, counts in zip(found["history"], found["counts"], strict=True)
         ]  # fmt: skip
     except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:
         raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}") from None
-    return Run(population=found["population"], history=history)
+    return GeneticRun(population=found["population"], history=history)
 
 
 def _digest(about: Mapping[str, Any]) -> str:
@@ -105,4 +105,4 @@ def _digest(about: Mapping[str, Any]) -> str:
 
 
 _REALS = ("mean", "variance", "best", "a", "b", "mutation_rate")
-_KINDS = tuple(f.name for f in fields(Counts))
+_KINDS = tuple(f.name for f in fields(VerdictCounts))

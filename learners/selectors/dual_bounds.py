@@ -22,7 +22,7 @@ Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Bounds:
+class DualBounds:
     """P boxes.
 
     low, high: shape (P, N, 6); products: p_j f_k of the ends, in the order of the envelope rows and with their signs in
@@ -34,7 +34,7 @@ class Bounds:
     products: Array
 
     @classmethod
-    def of(cls, boxes: Sequence[Envelope]) -> Bounds:
+    def of(cls, boxes: Sequence[Envelope]) -> DualBounds:
         """Stack some boxes."""
         low, high = np.stack([box.low for box in boxes]), np.stack([box.high for box in boxes])
         p_low, p_high = low[..., :3, None], high[..., :3, None]
@@ -43,12 +43,12 @@ class Bounds:
         products = np.moveaxis(signed, 1, -1).reshape(-1, len(low))
         return cls(low=low, high=high, products=np.ascontiguousarray(products))
 
-    def take(self, which: Index) -> Bounds:
+    def take(self, which: Index) -> DualBounds:
         """Some of the boxes."""
-        return Bounds(low=self.low[which], high=self.high[which], products=self.products[:, which])
+        return DualBounds(low=self.low[which], high=self.high[which], products=self.products[:, which])
 
 
-def witnessed(point: Array, excess: Array, axes: Array, bounds: Bounds, open_: Bools) -> Bools:
+def witnessed(point: Array, excess: Array, axes: Array, bounds: DualBounds, open_: Bools) -> Bools:
     """Whether points settle P1 over boxes with BAND to spare, shape (K, W, P), False where not open, shape (K, P).
 
     point, excess: of K × W witnesses (``DualBound``). axes: E9 is axes · m = 0, shape (K, 3, 9N). A point [p, f] in
@@ -97,7 +97,7 @@ def balanced(axes: Array, excess: Array, bottom: Array, top: Array) -> Bools:
     return found
 
 
-def least(rows: Array, slope: Array, constant: Array, bounds: Bounds, low: Array, high: Array) -> Array:
+def least(rows: Array, slope: Array, constant: Array, bounds: DualBounds, low: Array, high: Array) -> Array:
     """Least value of the Lagrangian over [p, f] in the overlap at a margin of BAND, shape (K, C, P).
 
     rows, slope, constant: of K × C certificates (``DualBound``). low, high: the overlap, shape (K, P, N, 6).

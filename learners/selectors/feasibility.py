@@ -29,7 +29,7 @@ from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
 
 from ..data.executor import Executor, gather
-from .dual_bounds import BAND, Bools, Bounds, Index, least, ranges, witnessed
+from .dual_bounds import BAND, Bools, DualBounds, Index, least, ranges, witnessed
 
 WITNESS, CERTIFICATE = 0, 1
 CHUNK = 64
@@ -37,7 +37,7 @@ CHUNK = 64
 
 
 @dataclass(frozen=True, kw_only=True)
-class Counts:
+class VerdictCounts:
     """How verdicts were found. unknown: of the solves, those that came to no end (and count as not admitted)."""
 
     solved: int = 0
@@ -57,15 +57,15 @@ class Counts:
         """Verdicts without a solve."""
         return self.witness + self.certificate + self.range + self.trivial
 
-    def __sub__(self, other: Counts) -> Counts:
-        return Counts(**{f.name: getattr(self, f.name) - getattr(other, f.name) for f in fields(self)})
+    def __sub__(self, other: VerdictCounts) -> VerdictCounts:
+        return VerdictCounts(**{f.name: getattr(self, f.name) - getattr(other, f.name) for f in fields(self)})
 
 
 class FeasibilityOracle(Protocol):
     """Says which problems P1 admits over which boxes."""
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> VerdictCounts:
         """How all verdicts so far were found."""
         ...
 
@@ -79,14 +79,14 @@ class SolvingOracle:
 
     def __init__(self, problems: Sequence[Scaled], programs: Programs) -> None:
         self._problems, self._programs = of_one_size(problems), programs
-        self.counts = Counts()
+        self.counts = VerdictCounts()
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
         margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(len(boxes), -1)
         done = self.counts
         unknown = done.unknown + int(np.isnan(margins).sum())
-        self.counts = Counts(solved=done.solved + margins.size, unknown=unknown)
+        self.counts = VerdictCounts(solved=done.solved + margins.size, unknown=unknown)
         return margins <= FEASIBLE_MARGIN
 
     def _margin(self, k: int, box: Envelope) -> float:
@@ -118,12 +118,12 @@ class CachingOracle:
         self._constant = np.full((size, certificates), -np.inf)  # proves nothing
         self._used = np.zeros((size, witnesses), dtype=np.int64), np.zeros((size, certificates), dtype=np.int64)
         self._clock = 0
-        self._tally = dict.fromkeys((f.name for f in fields(Counts)), 0)
+        self._tally = dict.fromkeys((f.name for f in fields(VerdictCounts)), 0)
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> VerdictCounts:
         """How all verdicts so far were found."""
-        return Counts(**self._tally)
+        return VerdictCounts(**self._tally)
 
     def __len__(self) -> int:
         return len(self._problems)
@@ -153,13 +153,13 @@ class CachingOracle:
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
         found = np.zeros((len(which), len(boxes)), dtype=bool)
-        bounds = Bounds.of(boxes)
+        bounds = DualBounds.of(boxes)
         for begin in range(0, len(which), CHUNK):
             part = which[begin : begin + CHUNK]
             found[begin : begin + CHUNK] = self._decide(part, boxes, bounds)
         return found.T
 
-    def _decide(self, which: Index, boxes: Sequence[Envelope], bounds: Bounds) -> Bools:
+    def _decide(self, which: Index, boxes: Sequence[Envelope], bounds: DualBounds) -> Bools:
         """Shape (K, P), for K problems and P boxes."""
         self._clock += 1
         admits = np.zeros((len(which), len(boxes)), dtype=bool)
@@ -238,7 +238,7 @@ class CachingOracle:
         self._tally[how] += int(now.sum())
         open_ &= ~now
 
-    def _overlap(self, which: Index, bounds: Bounds) -> tuple[Array, Array]:
+    def _overlap(self, which: Index, bounds: DualBounds) -> tuple[Array, Array]:
         """Where [p, f] can be if the margin is at most BAND, shape (K, P, N, 6)."""
         low, high = (side[which][:, None] for side in self._range)
         return np.maximum(low, bounds.low - BAND), np.minimum(high, bounds.high + BAND)
@@ -254,7 +254,7 @@ class SpreadOracle:
         self._whole, self._run = CachingOracle(problems, Programs()), run
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> VerdictCounts:
         """How all verdicts so far were found."""
         return self._whole.counts
 
@@ -299,7 +299,7 @@ class _Case(NamedTuple):
     """The boxes of one question, and where [p, f] of one problem can be in them, shape (P, N, 6)."""
 
     boxes: Sequence[Envelope]
-    bounds: Bounds
+    bounds: DualBounds
     low: Array
     high: Array
 

@@ -27,9 +27,9 @@ from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executor import Executor, processes
-from .convergence import Generation, Run, read_checkpoint, write_checkpoint
+from .convergence import Generation, GeneticRun, read_checkpoint, write_checkpoint
 from .dual_bounds import Index
-from .feasibility import CachingOracle, Counts, FeasibilityOracle, SpreadOracle
+from .feasibility import CachingOracle, FeasibilityOracle, SpreadOracle, VerdictCounts
 
 DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (paper E §II)."""
@@ -88,7 +88,7 @@ class GeneticResult:
     a: float
     b: float
     history: tuple[Generation, ...]
-    counts: Counts = field(default_factory=Counts)
+    counts: VerdictCounts = field(default_factory=VerdictCounts)
 
     @property
     def balanced(self) -> float:
@@ -141,7 +141,7 @@ class Trials:
         return admitted[:, ~feasible].mean(axis=1), (~admitted[:, feasible]).mean(axis=1)
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> VerdictCounts:
         """How all verdicts so far were found."""
         return self._oracle.counts
 
@@ -168,7 +168,7 @@ def evolve(
     patches = np.stack([problem.patches for problem in (*problems_feasible, *problems_infeasible)])
     about = {"settings": asdict(settings), "labels": trials.sizes, "points": np.asarray(points), "patches": patches}
     run = read_checkpoint(checkpoint, about, rng) if checkpoint is not None and checkpoint.exists() else None
-    run = run or Run(population=first_generation(points, settings.population, rng), history=[])
+    run = run or GeneticRun(population=first_generation(points, settings.population, rng), history=[])
     population, history = run.population, list(run.history)
     while len(history) < settings.generations:
         before, number = trials.counts, len(history)
@@ -183,11 +183,13 @@ def evolve(
         else:
             population = breed(population[order], np.maximum(points.std(axis=0), 1e-3), rate, settings, rng)
         if checkpoint is not None:
-            write_checkpoint(checkpoint, about, rng, Run(population=population, history=history))
+            write_checkpoint(checkpoint, about, rng, GeneticRun(population=population, history=history))
     return finish(population[: settings.finalists], trials, settings, history)
 
 
-def generation(number: int, a: Array, b: Array, settings: GeneticSettings, rate: float, counts: Counts) -> Generation:
+def generation(
+    number: int, a: Array, b: Array, settings: GeneticSettings, rate: float, counts: VerdictCounts
+) -> Generation:
     """The record of one tested generation."""
     values, best = fitness(a, b, settings), int(ranking(a, b, settings)[0])
     return Generation(

@@ -23,7 +23,7 @@ from .quantile import quantile_box
 
 
 @dataclass(frozen=True, kw_only=True)
-class Descent:
+class BoxDescent:
     """How boxes are moved down the margin loss.
 
     steps: batches; batch: problems of each label a batch; rate: Adam's step on the bounds, falling to a tenth over the
@@ -45,7 +45,7 @@ def descend(
     infeasible: Sequence[Scaled],
     programs: Programs,
     rng: np.random.Generator,
-    settings: Descent = Descent(),
+    settings: BoxDescent = BoxDescent(),
     progress: Callable[[int, float], None] | None = None,
 ) -> Envelope:
     """``descend_together`` for one box."""
@@ -58,7 +58,7 @@ def descend_together(
     infeasible: Sequence[Scaled],
     programs: Programs,
     rng: np.random.Generator,
-    settings: Descent = Descent(),
+    settings: BoxDescent = BoxDescent(),
     progress: Callable[[int, float], None] | None = None,
 ) -> tuple[Envelope, ...]:
     """Return the boxes after Adam on  mean σ(t/τ) over feasible + mean σ(−t/τ) over infeasible problems.
@@ -142,7 +142,7 @@ def fit_gradient(
     share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is told steps done and
     steps in all. Raises InvalidInput where the data set has too few rows of a label.
     """
-    settings = Descent(steps=steps, batch=batch)
+    settings = BoxDescent(steps=steps, batch=batch)
     checked_int(boxes, "boxes", least=1)
     if len(dataset.feasible) < max(2, boxes) or not len(dataset.infeasible):
         raise InvalidInput(

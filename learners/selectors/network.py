@@ -163,7 +163,7 @@ class Encoder(nn.Module):
         width, corner = architecture.width, architecture.corner_width
         self.corners = nn.Sequential(nn.Linear(6, corner), nn.SiLU(), nn.Linear(corner, corner))
         self.embed = nn.Sequential(nn.Linear(TOKEN + corner, width), nn.SiLU(), nn.Linear(width, width))
-        self.blocks = nn.ModuleList(Block(width, architecture.heads) for _ in range(architecture.layers))
+        self.blocks = nn.ModuleList(AttentionBlock(width, architecture.heads) for _ in range(architecture.layers))
         self.register_buffer("token_mean", torch.zeros(TOKEN))
         self.register_buffer("token_scale", torch.ones(TOKEN))
 
@@ -238,7 +238,7 @@ class ChoiceNetwork(nn.Module):
         return torch.as_tensor(self.head(self.encoder(scenes).mean(dim=1)))
 
 
-class Block(nn.Module):
+class AttentionBlock(nn.Module):
     """One round of self-attention over the contacts and one of thought a contact, both residual."""
 
     def __init__(self, width: int, heads: int) -> None:

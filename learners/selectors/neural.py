@@ -25,7 +25,7 @@ from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 from stancekit.planners.relaxation.table import RELAXATIONS
 
 from .network import BoxNetwork, SceneTensors, as_arrays
-from .neural_training import NeuralSettings, Progress, Rows, Trainer
+from .neural_training import NeuralSettings, Progress, Trainer, TrainingRows
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
 
 FORMAT = "stancekit/neural/1"
@@ -141,16 +141,16 @@ def fit_neural(
         train, calibration = dataset.split((1.0 - settings.calibration, settings.calibration))
     elif calibration.problem_class != dataset.problem_class:
         raise InvalidInput(f"calibration: expected {dataset.problem_class}, got {calibration.problem_class}")
-    feasible = Rows.of(train, "feasible")
-    infeasible = Rows.of(train, "infeasible") if settings.margin_epochs else None
+    feasible = TrainingRows.of(train, "feasible")
+    infeasible = TrainingRows.of(train, "infeasible") if settings.margin_epochs else None
     programs = Programs()
     digest = f"{dataset.header.digest} {len(train)}"
     trainer = Trainer(feasible, infeasible, programs, settings, digest, checkpoint)
     network = trainer.run(progress)
-    held = Rows.of(calibration, "feasible")
+    held = TrainingRows.of(calibration, "feasible")
     room = calibrated_room(network, held, programs, settings)
     if settings.relaxation != "p1" and len(calibration.infeasible):
-        room = roomiest(network, (held, Rows.of(calibration, "infeasible")), programs, settings, least=room)
+        room = roomiest(network, (held, TrainingRows.of(calibration, "infeasible")), programs, settings, least=room)
     first = feasible.problems[0]
     return NeuralSelector(
         network,
@@ -174,7 +174,7 @@ def fit_neural(
 
 def calibrated_room(
     network: BoxNetwork,
-    rows: Rows,
+    rows: TrainingRows,
     programs: Programs,
     settings: NeuralSettings,
     *,
@@ -206,7 +206,12 @@ def calibrated_room(
 
 
 def roomiest(
-    network: BoxNetwork, rows: tuple[Rows, Rows], programs: Programs, settings: NeuralSettings, *, least: float
+    network: BoxNetwork,
+    rows: tuple[TrainingRows, TrainingRows],
+    programs: Programs,
+    settings: NeuralSettings,
+    *,
+    least: float,
 ) -> float:
     """Of rooms from ``least`` on, in steps of STEP, the one with which P1 makes the fewest mistakes on these rows.
 

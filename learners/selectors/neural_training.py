@@ -69,7 +69,7 @@ class NeuralSettings:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rows:
+class TrainingRows:
     """Problems of one label: as the solver wants them, as the network sees them, and with solutions where feasible."""
 
     problems: tuple[Scaled, ...]
@@ -77,7 +77,7 @@ class Rows:
     points: Tensor
 
     @classmethod
-    def of(cls, dataset: Dataset, label: str) -> Rows:
+    def of(cls, dataset: Dataset, label: str) -> TrainingRows:
         """The rows ``feasible`` or ``infeasible`` of a data set. Raises InvalidInput where there are none."""
         indices = dataset.feasible if label == "feasible" else dataset.infeasible
         if not len(indices):
@@ -101,8 +101,8 @@ class Trainer:
     """
 
     def __init__(
-        self, feasible: Rows, infeasible: Rows | None, programs: Programs, settings: NeuralSettings, digest: str,
-        checkpoint: Path | None = None,
+        self, feasible: TrainingRows, infeasible: TrainingRows | None, programs: Programs, settings: NeuralSettings,
+        digest: str, checkpoint: Path | None = None,
     ) -> None:  # fmt: skip
         self.history: list[dict[str, Any]] = []
         self._feasible, self._infeasible, self._programs, self._settings = feasible, infeasible, programs, settings
@@ -177,7 +177,7 @@ class Trainer:
             return loss
         return loss + 0.5 * (points - point).abs().mean()
 
-    def _margins(self, rows: Rows, chosen: Tensor, chance: torch.Generator) -> tuple[Boxes, Tensor]:
+    def _margins(self, rows: TrainingRows, chosen: Tensor, chance: torch.Generator) -> tuple[Boxes, Tensor]:
         """((low, high, point), margin) of scenes; some are shown mirrored, and their boxes mirrored back."""
         flipped = self._flipped(len(chosen), chance)
         scenes = rows.scenes[chosen]

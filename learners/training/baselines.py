@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.scenes import PooledScenes, Scene, SceneKind
+from stancekit.envs.scenes import LabelledScene, PooledScenes, SceneKind
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
@@ -23,7 +23,7 @@ from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 from ..selectors.policy import moved
 
 
-def open_scenes(scenes: Sequence[Scene]) -> list[Scene]:
+def open_scenes(scenes: Sequence[LabelledScene]) -> list[LabelledScene]:
     """The scenes that the first box of ``EnvelopeRefinement-v0`` leaves open: those where cuts are needed."""
     programs = Programs()
     searches = (BoxSearch(scene.problem, Scaled.of(scene.problem), programs) for scene in scenes)
@@ -91,7 +91,7 @@ class SelectionVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def refinement_vec_env(kind: SceneKind, scenes: Sequence[Scene], *, envs: int, budget: int) -> DummyVecEnv:
+def refinement_vec_env(kind: SceneKind, scenes: Sequence[LabelledScene], *, envs: int, budget: int) -> DummyVecEnv:
     """``EnvelopeRefinement-v0`` in batches, one after the other in this process."""
     pool, programs = PooledScenes(scenes), Programs()
     return DummyVecEnv(

@@ -19,7 +19,7 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executor import Executor
 from ..selectors.genetic import GeneticSettings, fit_genetic
-from ..selectors.gradient import Descent, descend, fit_gradient
+from ..selectors.gradient import BoxDescent, descend, fit_gradient
 from ..selectors.heuristic import heuristic_envelope
 from ..selectors.mixture import fit_as_printed, fit_improved
 from ..selectors.quantile import quantile_box
@@ -113,7 +113,7 @@ def _margin_fit(
         rng = np.random.default_rng(settings.seed)
         mine = [feasible[i] for i in members]
         return descend(
-            start, mine, infeasible, programs, rng, Descent(steps=settings.steps, batch=settings.batch), on_progress
+            start, mine, infeasible, programs, rng, BoxDescent(steps=settings.steps, batch=settings.batch), on_progress
         )
 
     return boundary_fit

@@ -13,7 +13,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.scenes import ListedScenes, Scene
+from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -54,8 +54,8 @@ class TrainingScenes:
     they are a data set's.
     """
 
-    train: Sequence[Scene]
-    held_out: Sequence[Scene]
+    train: Sequence[LabelledScene]
+    held_out: Sequence[LabelledScene]
     base: Array
     rows: Dataset | None = None
 
@@ -98,7 +98,7 @@ def _tell(progress: Callable[[str, int, int], None], stage: str, rows: int, stat
     progress(f"{stage}: {rows} rows", state.rows, rows)
 
 
-def evaluator(config: TrainConfig, scenes: Sequence[Scene]) -> Callable[[Selector], tuple[float, Figures]]:
+def evaluator(config: TrainConfig, scenes: Sequence[LabelledScene]) -> Callable[[Selector], tuple[float, Figures]]:
     """A function that plays every scene once with a policy: mean reward an episode, and figures.
 
     Selection: ``p1_feasible``, ``p1_infeasible`` (shares that P1 answers as the expert does), ``projected`` (of the

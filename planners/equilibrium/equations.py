@@ -26,7 +26,7 @@ Vectors: TypeAlias = cp.Expression | Array
 Axes = Literal["contact", "world"]
 
 
-class Box(Protocol):
+class ContactBox(Protocol):
     """Bounds on [p, f] of every stance contact: p in world axes, f in those that the model is asked for."""
 
     @property
@@ -40,7 +40,7 @@ class Box(Protocol):
         ...
 
 
-class Plan:
+class PlanVariables:
     """c and Θ of every frame, (M, 3) each, and where the toes are: λ of every vertex, (V,); or held, (P, 3)."""
 
     def __init__(self, scaled: Scaled, held: Array | None = None) -> None:
@@ -172,7 +172,7 @@ class Plan:
         return cost
 
 
-class Forces:
+class ContactForces:
     """Forces f_n, f_y, f_z (E3), n of them: of which stance contact, on which candidate, how large a share of it."""
 
     def __init__(self, scaled: Scaled, contact: Index, candidate: Index, share: cp.Expression | Array) -> None:
@@ -182,13 +182,13 @@ class Forces:
         self.world = rotated(scaled.frames[candidate], self.forces)
 
     @classmethod
-    def of_contacts(cls, scaled: Scaled) -> Forces:
+    def of_contacts(cls, scaled: Scaled) -> ContactForces:
         """One a stance contact, one candidate a foothold."""
         foothold = scaled.layout.contacts[2]
         return cls(scaled, np.arange(len(foothold)), foothold, np.ones(len(foothold)))
 
     @classmethod
-    def of_candidates(cls, plan: Plan) -> Forces:
+    def of_candidates(cls, plan: PlanVariables) -> ContactForces:
         """One for every candidate under a stance contact, as large as its share z, which is 1 of one candidate."""
         if len(plan.layout.candidate_footholds) == plan.layout.footholds:
             return cls.of_contacts(plan.scaled)
@@ -196,7 +196,7 @@ class Forces:
         return cls(plan.scaled, contact, candidate, plan.shares[candidate])
 
     @classmethod
-    def of_vertices(cls, plan: Plan) -> Forces:
+    def of_vertices(cls, plan: PlanVariables) -> ContactForces:
         """f_u := λ_u f of every vertex under a stance contact: what the lift has."""
         contact, vertex = plan.layout.contact_vertices
         return cls(plan.scaled, contact, plan.layout.vertex_candidates[vertex], plan.weights[vertex])
@@ -233,7 +233,7 @@ class Products:
     world's, in which candidates of different slopes can be compared.
     """
 
-    def __init__(self, plan: Plan, forces: Forces, axes: Axes) -> None:
+    def __init__(self, plan: PlanVariables, forces: ContactForces, axes: Axes) -> None:
         layout = self._layout = plan.layout
         contacts, first = len(layout.contacts[0]), np.searchsorted(layout.candidate_footholds, layout.contacts[2])
         self._axes = np.tile(np.eye(3), (contacts, 1, 1)) if axes == "world" else plan.scaled.frames[first]
@@ -259,7 +259,7 @@ class Products:
 
 
 def mccormick(
-    parts: Sequence[Vectors], box: Box, *, share: Vectors | None = None, margin: Vectors | float = 0
+    parts: Sequence[Vectors], box: ContactBox, *, share: Vectors | None = None, margin: Vectors | float = 0
 ) -> Terms:
     """(p, f, m) ∈ z M_c(B) up to t: the envelope of m_jk = p_j f_k over a box, and the box itself (§III).
 

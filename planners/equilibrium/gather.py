@@ -40,7 +40,7 @@ Values: TypeAlias = float | Of | Fill[D]
 """Values of a block."""
 
 
-class Numbers:
+class GatheredNumbers:
     """Where the numbers that some values are made of are, laid end to end; the first one is 1.
 
     data: any problem, for their shapes.
@@ -69,7 +69,7 @@ class Numbers:
 class Gather(Generic[D]):
     """An array whose entries are numbers of the problem times factors, added up, and values of functions."""
 
-    def __init__(self, size: int, numbers: Numbers) -> None:
+    def __init__(self, size: int, numbers: GatheredNumbers) -> None:
         self._size, self._numbers = size, numbers
         self._parts: list[tuple[Index, Index, float]] = []
         self._fills: list[tuple[Index, Fill[D]]] = []

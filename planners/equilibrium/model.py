@@ -20,7 +20,7 @@ Terms = dict[str, cp.Constraint]
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ConicModel:
     """Minimise the cost subject to the terms; both are named as in ``rows``."""
 
     cost: cp.Expression

@@ -23,7 +23,7 @@ from ..files.arrays import Array
 from .clarabel_settings import solver_settings
 from .columns import Columns, pattern_of
 from .conic_solution import ConicSolution, ConicStatus
-from .gather import D, Fill, Gather, Numbers, Values
+from .gather import D, Fill, Gather, GatheredNumbers, Values
 from .layout import Index
 
 
@@ -224,7 +224,7 @@ class Rows(Generic[D]):
 
     def _compile(self, data: D) -> None:
         """Sort the entries by columns. data: any problem, for the shapes of its numbers."""
-        self._numbers = Numbers([values for *_, values in (*self._blocks, *self._right, *self._linear)], data)
+        self._numbers = GatheredNumbers([values for *_, values in (*self._blocks, *self._right, *self._linear)], data)
         rows = np.concatenate([block[0].ravel() for block in self._blocks])
         columns = np.concatenate([block[1].ravel() for block in self._blocks])
         order = np.lexsort((rows, columns))

@@ -41,7 +41,7 @@ TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Record:
+class WalkRecord:
     """A trajectory as it stood in a file. verified: the file says that the verifier accepted it, and what it said."""
 
     trajectory: Trajectory
@@ -78,7 +78,7 @@ def check_name(path: str | Path) -> Path:
     return path
 
 
-def read_trajectory(path: str | Path) -> Record:
+def read_trajectory(path: str | Path) -> WalkRecord:
     """Read a file, or an older pair. Raises InvalidInput, one line, for whatever is not as it was written."""
     path = Path(path)
     data = read_json(path)
@@ -102,7 +102,7 @@ def read_trajectory(path: str | Path) -> Record:
         raise InvalidInput(f"{samples}: {error}") from None
     if trajectory.digest != header.trajectory:
         raise InvalidInput(f"{samples}: these samples do not belong to {path.name}: changed since they were written")
-    return Record(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
+    return WalkRecord(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
 
 
 def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> Report[Trajectory]:

@@ -18,7 +18,7 @@ from .task import GaitSettings, GaitTask
 from .transcription.blocks import Constraint
 from .transcription.ipopt import Callback, Ipopt
 from .transcription.program import Program
-from .variables.samples import Samples, sampled
+from .variables.samples import GaitSamples, sampled
 from .variables.structure import Structure
 
 
@@ -177,7 +177,7 @@ class GaitSolution:
         status = self.status if success else f"{self.status}, on a gentler terrain"
         return replace(self, program=program, success=success, violations=violations, status=status, height_factor=1.0)
 
-    def samples(self, times_s: Array) -> Samples:
+    def samples(self, times_s: Array) -> GaitSamples:
         """The motion at times in [0, T], shape (K,) [s]."""
         return sampled(self.program.structure, self.x, np.asarray(times_s, dtype=np.float64), self.height_factor)
 

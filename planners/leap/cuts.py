@@ -18,7 +18,7 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..robot.reach import turned_most
 from .numbers import LeapNumbers
-from .scp import HEIGHT_RESERVE_M, LEAST_FRICTION, REACH_RESERVE_M, TILT_RESERVE_RAD, Attempt
+from .scp import HEIGHT_RESERVE_M, LEAST_FRICTION, REACH_RESERVE_M, TILT_RESERVE_RAD, LeapAttempt
 
 MARGIN = 1e-6
 """A sum above this, for multipliers of at most 1, is refused by no rounding."""
@@ -106,7 +106,7 @@ def plan_cut(numbers: LeapNumbers, row: Array, share: float) -> Cut:
     return _cut(numbers, row, friction, scaled.reach - REACH_RESERVE_M, bounds, height, tilt)
 
 
-def guide(numbers: LeapNumbers, found: Attempt) -> Cut:
+def guide(numbers: LeapNumbers, found: LeapAttempt) -> Cut:
     """The cost of the first step's slack as a sum over toes, by its multipliers: c × F linearised, p × f as it is."""
     solution, layout, given, lasts = found.solution, numbers.layout, found.given, numbers.lasts[:, None]
     pulls = _toe_pulls(numbers, _multipliers(numbers, solution))

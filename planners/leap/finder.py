@@ -23,7 +23,7 @@ from .numbers import LeapNumbers
 from .pick import Picker
 from .prove import ProofSearch, Prover, certificate_of
 from .rule import Rule
-from .scp import FRICTION_SHARE, STOP, Attempt, attempt, plan_of
+from .scp import FRICTION_SHARE, STOP, LeapAttempt, attempt, plan_of
 
 Order = Literal["random", "rule", "noise", "farkas", "finder"]
 DECIDED = 1e-3
@@ -154,7 +154,7 @@ class LeapSearch:
         """What the search has cost so far, in so much time [s]."""
         return Effort(solves=self.solves, tries=self.tries, seconds=seconds)
 
-    def attempts(self, order: Order | None = None) -> Iterator[Attempt]:
+    def attempts(self, order: Order | None = None) -> Iterator[LeapAttempt]:
         """Attempts, timing by timing in turn, until the solves are spent or nothing is left to try.
 
         order: another one than the method's; it goes on from what the search has tried and learned so far.
@@ -212,7 +212,7 @@ class LeapSearch:
                 break
         return found
 
-    def _learn(self, timing: _Timing, found: Attempt) -> None:
+    def _learn(self, timing: _Timing, found: LeapAttempt) -> None:
         """Keep the cuts of an attempt that failed."""
         picker, order = timing.picker, self._order
         picker.tried.add(tuple(found.choice.tolist()))

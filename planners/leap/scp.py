@@ -33,7 +33,7 @@ FRICTION_SHARE = 0.8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Attempt:
+class LeapAttempt:
     """An attempt at one choice of contacts.
 
     choice: a candidate per foothold, shape (P,). point: the best one, None where the first step has none; cost: of what
@@ -69,7 +69,7 @@ def attempt(
     share: float = FRICTION_SHARE,
     stop: float = STOP,
     steps: int = STEPS,
-) -> Attempt:
+) -> LeapAttempt:
     """Try one choice of contacts from the nominal motion.
 
     share: of the friction. stop: cost of the first step's slack above which there is no second
@@ -87,7 +87,7 @@ def attempt(
     given = LeapGiven(scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=HEIGHT_RESERVE_M)
     first = answer = program.solve(given)
     if answer.point is None:
-        return Attempt(
+        return LeapAttempt(
             choice=choice, point=None, cost=np.inf, first=np.inf, solution=first.solution, given=given, solves=1,
             share=share,
         )  # fmt: skip
@@ -103,7 +103,7 @@ def attempt(
             best, cost, radius = answer.point, found, min(2.0 * radius, RADIUS_M)
         else:
             radius *= 0.3
-    return Attempt(
+    return LeapAttempt(
         choice=choice, point=best, cost=cost, first=first.cost, solution=first.solution, given=given, solves=solves,
         share=share,
     )  # fmt: skip
@@ -160,7 +160,7 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
     return found
 
 
-def plan_of(numbers: LeapNumbers, found: Attempt, method: str) -> LeapPlan:
+def plan_of(numbers: LeapNumbers, found: LeapAttempt, method: str) -> LeapPlan:
     """The plan of an attempt, what its body does worked out from its forces."""
     point, leap = found.point, numbers.leap
     assert point is not None

@@ -18,7 +18,7 @@ from .cuts import MARGIN, Cut, proof_cut, ray
 from .finder import LeapFinder, LeapSearch, Order
 from .numbers import LeapNumbers
 from .prove import refuting_ray
-from .scp import FRICTION_SHARE, STOP, Attempt, plan_of
+from .scp import FRICTION_SHARE, STOP, LeapAttempt, plan_of
 
 ORDERS: tuple[Order, ...] = ("random", "rule", "farkas", "finder", "noise")
 """In which a leap's tries are made: random ones before there are cuts, noise about the best that the others found."""
@@ -89,7 +89,7 @@ class _Labeller:
         self._tries: list[Try] = []
         self._cuts: list[tuple[int, Cut, Array]] = []
 
-    def add(self, numbers: LeapNumbers, found: Attempt, order: Order, begin: float) -> None:
+    def add(self, numbers: LeapNumbers, found: LeapAttempt, order: Order, begin: float) -> None:
         """Label an attempt."""
         plan, solves = None, found.solves
         if found.solved:
@@ -105,7 +105,7 @@ class _Labeller:
             )
         )  # fmt: skip
 
-    def _learn(self, numbers: LeapNumbers, found: Attempt) -> int:
+    def _learn(self, numbers: LeapNumbers, found: LeapAttempt) -> int:
         """Keep a cut that refutes a choice: of its own multipliers, or else of the relaxation's. Returns solves."""
         if any(cut.value(found.choice) > MARGIN for timing, cut, _ in self._cuts if timing == numbers.timing):
             return 0

@@ -18,7 +18,7 @@ from ..robot.inverse_kinematics import descend
 from ..robot.kinematics import Kinematics
 from ..robot.overlaps import WholeBody
 from ..robot.rotation import rotations_of
-from .path import APART_M, Moments, PlanPath
+from .path import APART_M, PathMoments, PlanPath
 from .plan_joints import normals_at
 
 STRAY_M = 1e-4
@@ -58,7 +58,7 @@ class JointPath:
         self.corners = dict[tuple[int, int], Array]()
         """Angles at both corners of a swing, shape (2, n), by key frame that it ends at and limb."""
 
-    def judged(self, turn_rad: float = TURN_RAD) -> tuple[Moments, PathPostures]:
+    def judged(self, turn_rad: float = TURN_RAD) -> tuple[PathMoments, PathPostures]:
         """Moments so near to each other, nearer where joints turn by more than ``turn_rad`` in between, and the
         postures there.
 
@@ -77,7 +77,7 @@ class JointPath:
             postures = self._postures(moments)
         return moments, postures
 
-    def postures(self, moments: Moments) -> PathPostures:
+    def postures(self, moments: PathMoments) -> PathPostures:
         """The postures at moments that follow each other."""
         _ = self._turned
         return self._postures(moments)
@@ -88,7 +88,7 @@ class JointPath:
         self.judged()
         return True
 
-    def _turn(self, moments: Moments, postures: PathPostures) -> None:
+    def _turn(self, moments: PathMoments, postures: PathPostures) -> None:
         """Find postures for the corners of swings that limbs do not follow."""
         steps, missed = moments.step, postures.error_m > STRAY_M
         for t, limb in np.argwhere(missed & (moments.foothold < 0)).tolist():
@@ -98,7 +98,7 @@ class JointPath:
             ends = np.flatnonzero((steps == step) & np.isin(moments.part, (0, 1)) & (moments.passed == 1.0))
             self.corners[step, limb] = np.array([self._comfortable(moments, postures, int(end), limb) for end in ends])
 
-    def _comfortable(self, moments: Moments, postures: PathPostures, t: int, limb: int) -> Array:
+    def _comfortable(self, moments: PathMoments, postures: PathPostures, t: int, limb: int) -> Array:
         """A comfortable posture of a limb at a moment, near to where it is drawn."""
         normals = self.path.normals[moments.surface[t]]
         found = self._kinematics.solve(
@@ -107,7 +107,7 @@ class JointPath:
         )  # fmt: skip
         return np.asarray(found.angles[self._kinematics.joints_of(limb)])
 
-    def _drawn(self, moments: Moments) -> Array:
+    def _drawn(self, moments: PathMoments) -> Array:
         """What the joints are drawn to, shape (T, J)."""
         key = self.path.plan.joints_rad
         assert key is not None
@@ -120,7 +120,7 @@ class JointPath:
             angles[np.ix_(on, its)] = line[part] + passed * (line[part + 1] - line[part])
         return np.asarray(angles)
 
-    def _postures(self, moments: Moments) -> PathPostures:
+    def _postures(self, moments: PathMoments) -> PathPostures:
         kinematics, angles = self._kinematics, self._drawn(moments)
         rotations = rotations_of(moments.rotation_rad)
         normals, feet, drawn = self.path.normals[moments.surface], moments.feet_m, angles
@@ -133,7 +133,7 @@ class JointPath:
         return PathPostures(rotations=rotations, origins_m=origins, angles=angles, error_m=error)
 
 
-def path_bodies(path: PlanPath, moments: Moments, postures: PathPostures) -> WholeBody:
+def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) -> WholeBody:
     """The same as ``Bodies`` takes them."""
     normals = path.normals[moments.surface]
     return WholeBody(
@@ -162,7 +162,7 @@ def _reached(kinematics: Kinematics, feet: Array, drawn: Array) -> tuple[Array, 
     return found, errors
 
 
-def _rolled(kinematics: Kinematics, moments: Moments, rotations: Array, angles: Array, normals: Array) -> Array:
+def _rolled(kinematics: Kinematics, moments: PathMoments, rotations: Array, angles: Array, normals: Array) -> Array:
     """How far feet have rolled since they were put down, shape (T, N, 3) [m]; lifted, they go back to their path.
 
     A sphere that rolls by a small turn ω moves by ω × r n.

@@ -50,7 +50,7 @@ class Segment:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Moments:
+class PathMoments:
     """T moments of a path, N limbs.
 
     before, after, share: the key frames that the body is between, and how far, (T,) each. com_m, rotation_rad: of the
@@ -157,7 +157,7 @@ class PlanPath:
         way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(toes, axis=0), axis=1))])
         return np.stack([np.interp(shares * way[-1], way, axis) for axis in toes.T], axis=1)
 
-    def moments(self, apart_m: float = APART_M) -> Moments:
+    def moments(self, apart_m: float = APART_M) -> PathMoments:
         """The whole path, with its first and its last moment; none goes farther than this from the one before.
 
         Raises InvalidInput for a path of more than ``MOST`` moments.
@@ -171,12 +171,12 @@ class PlanPath:
             raise InvalidInput(f"path: expected at most {MOST * apart_m:g} m of it, got {lengths.sum():.3g} m")
         return np.maximum(1, np.ceil(lengths / apart_m)).astype(int)
 
-    def divided(self, counts: NDArray[np.int_]) -> Moments:
+    def divided(self, counts: NDArray[np.int_]) -> PathMoments:
         """The whole path, so many moments of every segment."""
         parts = zip(self._segments(), counts.tolist(), strict=True)
         return self.at([(of, np.arange(1, n + 1) / n) for of, n in parts])
 
-    def at(self, parts: list[tuple[Segment, Array]]) -> Moments:
+    def at(self, parts: list[tuple[Segment, Array]]) -> PathMoments:
         """Moments of segments, at shares of them of shape (K,)."""
         plan, counts = self.plan, [len(shares) for _, shares in parts]
         share = np.concatenate([shares for _, shares in parts])
@@ -188,7 +188,7 @@ class PlanPath:
         foothold = np.repeat(np.array([segment.foothold for segment, _ in parts]), counts, axis=0)
         body = np.where(ends[:, 0] == ends[:, 1], 0.0, share)[:, None]
         before, after = ends.T
-        return Moments(
+        return PathMoments(
             before=before, after=after, share=body[:, 0],
             com_m=plan.com_m[before] + body * (plan.com_m[after] - plan.com_m[before]),
             rotation_rad=plan.rotation_rad[before] + body * (plan.rotation_rad[after] - plan.rotation_rad[before]),

@@ -18,7 +18,7 @@ from ..cached import cached_property
 from ..files.arrays import Array, check_numbers
 from ..robot.rotation import rotation_of
 from .motion import Samples, smooth, smooth_rate
-from .path import CLEARANCE_M, Moments, PlanPath, Segment
+from .path import CLEARANCE_M, PathMoments, PlanPath, Segment
 from .torques import support_forces
 
 KNOTS = 10
@@ -182,7 +182,7 @@ class PlanMotion:
             angles_rad=None if plan.joints_rad is None else plan.joints_rad[frame],
         )
 
-    def moments(self, times_s: Array) -> Moments:
+    def moments(self, times_s: Array) -> PathMoments:
         """Where body and feet are at times, whatever the forces."""
         phases, s, _ = self._passed(times_s)
         return self.path.at([(self.phases[phase].segment, s[k : k + 1]) for k, phase in enumerate(phases.tolist())])

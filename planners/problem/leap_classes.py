@@ -34,10 +34,10 @@ class LeapClass(BaseModel):
     robot: "nameless" or a robot's name. height_m: of the body over its toes at both ends. jump_m: ahead; aside_m,
     rise_m: of the goal. toes_m: nominal place of the first limb's toe (ahead, aside), mirrored for the others.
     spread_m: how far candidates lie from it, along each axis, and drop_m up and down. radius_m: of the triangular
-    patches; steep_deg: their inclination. terrain: a family of terrain in
-    place of such patches, at a level in ``level``: candidates are pieces of its surfaces, ``window_m`` wide, the nearest
-    to the toe's place first, and the ground says how high the goal is. candidates: per toe; given: whether the toes of the first stance stand
-    already, on level ground of friction stands. intervals, timings_s: of stance, flight, stance.
+    patches; steep_deg: their inclination. terrain: a family of terrain in place of such patches, at a level in
+    ``level``: candidates are pieces of its surfaces, ``window_m`` wide, the nearest to the toe's place first, and the
+    ground says how high the goal is. candidates: per toe; given: whether the toes of the first stance stand already, on
+    level ground of friction stands. intervals, timings_s: of stance, flight, stance.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -26,7 +26,7 @@ from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..motion.joints import JointPath, PathPostures, path_bodies
-from ..motion.path import Moments, PlanPath
+from ..motion.path import PathMoments, PlanPath
 from ..robot.bodies import Bodies
 from ..robot.kinematics import Kinematics
 from ..robot.leg_slopes import turning
@@ -143,7 +143,7 @@ def _constant(values: Array) -> Fill[Any]:
     return lambda _: values
 
 
-def _with_keys(path: PlanPath, moments: Moments, postures: PathPostures) -> tuple[Moments, PathPostures]:
+def _with_keys(path: PlanPath, moments: PathMoments, postures: PathPostures) -> tuple[PathMoments, PathPostures]:
     """And the key frames as they are drawn, behind them."""
     plan = path.plan
     assert plan.joints_rad is not None
@@ -156,7 +156,7 @@ def _with_keys(path: PlanPath, moments: Moments, postures: PathPostures) -> tupl
     return _joined(moments, keys), _joined(postures, drawn)
 
 
-J = TypeVar("J", Moments, PathPostures)
+J = TypeVar("J", PathMoments, PathPostures)
 
 
 def _joined(one: J, other: J) -> J:
@@ -167,7 +167,7 @@ def _joined(one: J, other: J) -> J:
 class _Slopes:
     """Collects what distances change by; moments and postures: all that are looked at."""
 
-    def __init__(self, path: JointPath, solver: Kinematics, moments: Moments, postures: PathPostures) -> None:
+    def __init__(self, path: JointPath, solver: Kinematics, moments: PathMoments, postures: PathPostures) -> None:
         self._path, self._solver, self._moments, self._postures = path, solver, moments, postures
         plan = path.path.plan
         self._shares = np.stack([1.0 - moments.share, moments.share], axis=1)

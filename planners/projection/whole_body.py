@@ -38,7 +38,7 @@ from .largest_torque import largest, on_the_way
 from .restoration import Restoration, Restored
 from .support_margin import pressing
 from .whole_body_limits import WholeBodyLimits
-from .whole_body_step import TORQUE_PRICE, WholeBody, WholeBodyStep
+from .whole_body_step import TORQUE_PRICE, WholeBodyGiven, WholeBodyStep
 
 AIM, SPARE = 0.97, 0.02
 """Steps aim at this share of what is wanted, and leave this share of the friction, and of the weight above what feet
@@ -322,7 +322,7 @@ class _Stage:
         spare = SPARE * min(radius, 1.0)
         firmer = np.where(scaled.force_min > 0.0, scaled.force_min + spare, scaled.force_min)
         inside = replace(scaled, friction=(1.0 - spare) * scaled.friction, force_min=firmer)
-        at = WholeBody(
+        at = WholeBodyGiven(
             inside, state.at.point, solver=self._solver, angles=state.at.angles, limit_nm=self._limit_nm,
             wanted=AIM * self._limits.share, radius=radius, near=state.near, clearance_m=self._limits.clearance_m,
         )  # fmt: skip
@@ -337,7 +337,7 @@ class _Stage:
             other = None if found is None else restoration.restore(*found, wanted=self._limits.share)
         return other
 
-    def _solved(self, at: WholeBody, *, hold_toes: bool) -> tuple[Point, Array] | None:
+    def _solved(self, at: WholeBodyGiven, *, hold_toes: bool) -> tuple[Point, Array] | None:
         """One program; that of a problem whose bodies are near is for it alone."""
         layout, leg_of = at.scaled.layout, tuple(self._solver.legs.tolist())
         if at.near is not None and len(at.near.distance_m):

@@ -25,7 +25,7 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.objective import objective
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, skew
-from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Toes
+from ..equilibrium.terms import BodyPose, Forces, FreeToes, Given, HeldToes, Toes
 from ..files.arrays import Array, cross, locked
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.leg_slopes import LegSlopes, turning
@@ -78,7 +78,7 @@ class TorqueRows:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WholeBody(Given):
+class WholeBodyGiven(Given):
     """What a step is loaded with: the problem, the point about which it is linearised, and the joints there.
 
     angles: shape (M, J) [rad]. limit_nm: of every joint's torque, (J,). wanted: share of it that is well. radius: of
@@ -187,7 +187,7 @@ class Torques:
     right: Array
 
     @classmethod
-    def of(cls, at: WholeBody) -> Torques:
+    def of(cls, at: WholeBodyGiven) -> Torques:
         """About a point."""
         scaled, solver, rows = at.scaled, at.solver, TorqueRows.of(at.scaled.layout, tuple(at.solver.legs.tolist()))
         contact, frame, joint = rows.contact, rows.frame, rows.joint
@@ -216,10 +216,12 @@ class WholeBodyStep:
     hold exactly. at: a problem whose bodies that are near it is to keep apart: a program for this one alone.
     """
 
-    def __init__(self, layout: Layout, leg_of: tuple[int, ...], hold_toes: bool, at: WholeBody | None = None) -> None:
+    def __init__(
+        self, layout: Layout, leg_of: tuple[int, ...], hold_toes: bool, at: WholeBodyGiven | None = None
+    ) -> None:
         layout.check_point_feet("whole body")
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, forces = Body(rows, layout), Forces.of_contacts(rows, layout)
+        body, forces = BodyPose(rows, layout), Forces.of_contacts(rows, layout)
         free = None if hold_toes else FreeToes(rows, layout, explicit=True)
         toes: Toes = HeldToes(rows) if free is None else free
         joints, share = rows.variable("joints", layout.frames, len(leg_of)), rows.variable("share", 1)
@@ -253,7 +255,7 @@ class WholeBodyStep:
         rows.square(forces.columns, None, EVEN)
         rows.linear(share, TORQUE_PRICE)
 
-    def _feet(self, body: Body, toes: Toes, joints: Index, leg_of: Index, layout: Layout) -> None:
+    def _feet(self, body: BodyPose, toes: Toes, joints: Index, leg_of: Index, layout: Layout) -> None:
         """Every foot is at its toe."""
         rows = self.rows
         feet = rows.equal("feet", layout.frames, layout.limbs, 3)
@@ -263,7 +265,7 @@ class WholeBodyStep:
         rows.put(feet[:, leg_of], joints[..., None], Of("by_joint"))
         rows.right(feet, Of("feet_right"))
 
-    def _torques(self, of: TorqueRows, body: Body, forces: Forces, joints: Index, share: Index) -> None:
+    def _torques(self, of: TorqueRows, body: BodyPose, forces: Forces, joints: Index, share: Index) -> None:
         """No torque has more of its limit than the share, which is what is wanted or more."""
         rows = self.rows
         torque = rows.at_most("torque", len(of.joint))
@@ -276,7 +278,7 @@ class WholeBodyStep:
         rows.put(wanted, share, -1.0)
         rows.right(wanted, -Of("wanted"))
 
-    def solve(self, at: WholeBody) -> tuple[Point, Array] | None:
+    def solve(self, at: WholeBodyGiven) -> tuple[Point, Array] | None:
         """A point that is right to first order, and its joint angles; None where there is none."""
         solution = self.rows.solve(at)
         if not solution.solved:

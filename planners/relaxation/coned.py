@@ -62,10 +62,10 @@ class Coned(McCormick):
         """The same in cvxpy."""
         import cvxpy as cp
 
-        from ..equilibrium.model import Model
+        from ..equilibrium.model import ConicModel
 
         model = super().reference(given)
-        if not isinstance(model, Model) or not len(self._coned):
+        if not isinstance(model, ConicModel) or not len(self._coned):
             return model  # McCormick's alone
         problem = cp.Problem(cp.Minimize(model.cost), list(model.terms.values()))
         known = {one.name(): one for one in problem.variables()}
@@ -77,7 +77,7 @@ class Coned(McCormick):
         moved = cp.vstack([products - cp.multiply(low, each), cp.multiply(high, each) - products])
         friction = np.tile(np.repeat(given.scaled.friction[self._candidate], 3), 2)
         most = cp.multiply(friction, moved[:, 0]) + known.get("margin", np.zeros(1))[0]
-        return Model(model.cost, {**model.terms, "box_cones": cp.SOC(most, moved[:, 1:], axis=1)})
+        return ConicModel(model.cost, {**model.terms, "box_cones": cp.SOC(most, moved[:, 1:], axis=1)})
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """P1 over one box; the gradient has the part of the cones, too."""

@@ -8,7 +8,7 @@ from ..errors import InvalidInput
 from ..problem import PostureProblem
 
 
-class Learned(Protocol):
+class LearnedFor(Protocol):
     """What was learned for problems of one class: legs of one robot, in one pair of units."""
 
     @property
@@ -28,14 +28,14 @@ class Learned(Protocol):
         """Unit of lengths [m]."""
 
 
-def check_robot(it: Learned, robot: str, learned: str) -> None:
+def check_robot(it: LearnedFor, robot: str, learned: str) -> None:
     """Raise InvalidInput unless it was learned for the robot of this identity. learned: what it is, in words."""
     if robot != it.robot:
         mine, other = (name or "the default hexapod" for name in (it.robot, robot))
         raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
 
 
-def check_learned(it: Learned, problem: PostureProblem, learned: str) -> None:
+def check_learned(it: LearnedFor, problem: PostureProblem, learned: str) -> None:
     """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned for."""
     check_robot(it, problem.robot, learned)
     if problem.legs != it.legs:

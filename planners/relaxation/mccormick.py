@@ -25,7 +25,7 @@ from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled, skew
-from ..equilibrium.terms import Body, Forces, FreeToes, Given
+from ..equilibrium.terms import BodyPose, Forces, FreeToes, Given
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .boxed import Boxed as Boxed
@@ -284,9 +284,11 @@ def moment_axes(scaled: Scaled) -> Array:
     return np.asarray(across.transpose(2, 0, 1, 3).reshape(3, -1))
 
 
-def _terms(rows: Rows[Given], layout: Layout, *, explicit: bool, inner: bool = False) -> tuple[Body, FreeToes, Forces]:
+def _terms(
+    rows: Rows[Given], layout: Layout, *, explicit: bool, inner: bool = False
+) -> tuple[BodyPose, FreeToes, Forces]:
     """Every term but m = p f and the objective."""
-    body, toes = Body(rows, layout), FreeToes(rows, layout, explicit=explicit)
+    body, toes = BodyPose(rows, layout), FreeToes(rows, layout, explicit=explicit)
     forces = Forces.of_candidates(rows, layout, toes)
     forces.balance()
     forces.in_cones()

@@ -42,7 +42,7 @@ EnvelopeUse = Literal["rows", "shrink"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Grid:
+class MicpGrid:
     """How m = p f is cut.
 
     intervals: pieces of every p_j and f_k, a power of two for the encoding "log". cut: "position" leaves f in one
@@ -92,7 +92,7 @@ class MicpAnswer:
 class Symbols:
     """A posture's ``Scaled`` with parameters for its numbers, which cvxpy compiles once, and cells with theirs."""
 
-    def __init__(self, layout: Layout, grid: Grid) -> None:
+    def __init__(self, layout: Layout, grid: MicpGrid) -> None:
         self.layout, contacts = layout, len(layout.contacts[0])
         self.vertices = cp.Parameter((len(layout.vertex_footholds), 3))
         self.frames, self.friction = cp.Parameter((layout.footholds, 3, 3)), cp.Parameter(layout.footholds)
@@ -125,7 +125,7 @@ class MicpProgram:
         self,
         scaled: Scaled | Symbols,
         breaks: Breaks,
-        grid: Grid = Grid(),
+        grid: MicpGrid = MicpGrid(),
         *,
         solver: str = "highs",
         axes: Axes = "contact",
@@ -198,13 +198,13 @@ class MicpProgram:
         return MicpAnswer(claim="feasible", seconds=seconds, point=point, choice=choice, moments=moments)
 
 
-def of_layout(layout: Layout, grid: Grid, solver: str) -> tuple[Symbols, MicpProgram]:
+def of_layout(layout: Layout, grid: MicpGrid, solver: str) -> tuple[Symbols, MicpProgram]:
     """The program of all postures of a layout, and what to load their numbers into."""
     symbols = Symbols(layout, grid)
     return symbols, MicpProgram(symbols, symbols.breaks, grid, solver=solver)
 
 
-def cones_of(grid: Grid, solver: str) -> Cones:
+def cones_of(grid: MicpGrid, solver: str) -> Cones:
     """What becomes of second-order cones. Raises InvalidInput for what there is not."""
     cones = grid.cones or ("outer" if solver == "highs" else "exact")
     if cones not in ("outer", "inner") and not (cones == "exact" and solver != "highs"):

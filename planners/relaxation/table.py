@@ -14,7 +14,7 @@ from .envelope import Envelope
 from .relaxed import RelaxationAnswer
 
 
-class Relaxation(Protocol):
+class RelaxedProgram(Protocol):
     """A convex program that relaxes m = p f, made for one layout as ``TYPE(layout)``.
 
     Class attributes:
@@ -55,7 +55,7 @@ class Relaxation(Protocol):
         ...
 
 
-RELAXATIONS: Registry[type[Relaxation]] = Registry(
+RELAXATIONS: Registry[type[RelaxedProgram]] = Registry(
     "relaxation",
     "stancekit.relaxations",
     {

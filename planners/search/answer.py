@@ -151,7 +151,7 @@ class Acceptance:
         """The verifier's report on what was found; convexity proves the way between the frames of a plan."""
         if isinstance(found, Plan):
             return check_plan(found, tolerance=self.tolerance, between=False)
-        assert isinstance(problem, PostureProblem) and isinstance(found, Posture)
+        assert isinstance(problem, PostureProblem)
         return check_posture(problem, found, tolerance=self.tolerance)
 
 

@@ -39,7 +39,7 @@ Project = Callable[[Scaled, Point, bool], Point]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class SearchLimits:
     """Where a search stops. gap: relative to the best plan's objective; None stops at the first plan.
 
     share: of the clock's limits, for a search that has met a choice that P1 admits and P2 finds no plan for.
@@ -57,7 +57,9 @@ class ChoiceSearch:
     tree was searched to its end, every leaf refuted; else message says why not.
     """
 
-    def __init__(self, programs: Programs, scaled: Scaled, project: Project, limits: Limits, clock: Clock) -> None:
+    def __init__(
+        self, programs: Programs, scaled: Scaled, project: Project, limits: SearchLimits, clock: Clock
+    ) -> None:
         self._programs, self._scaled, self._limits, self._clock = programs, scaled, limits, clock
         self._onto_surface = project
         self.found: tuple[Index, Point] | None = None

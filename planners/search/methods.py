@@ -291,7 +291,7 @@ class Micp:
 
     def planner(self, options: PlannerOptions) -> Planner:
         """Make the planner of postures."""
-        from ..relaxation.micp import Grid
+        from ..relaxation.micp import MicpGrid
         from .micp import MicpPlanner
 
         _check_of_postures(self, "envelope_use", "gap", "projection")
@@ -299,7 +299,7 @@ class Micp:
             raise InvalidInput(f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}")
         return MicpPlanner(
             solver=self.solver,
-            grid=Grid(intervals=self.intervals),
+            grid=MicpGrid(intervals=self.intervals),
             envelope=self.envelopes,
             time_limit_s=options.limit(POSTURE_LIMIT_S),
             acceptance=options.acceptance,
@@ -308,12 +308,12 @@ class Micp:
 
     def course_planner(self, options: PlannerOptions) -> CoursePlanner:
         """Make the planner of courses."""
-        from ..relaxation.micp import Grid
+        from ..relaxation.micp import MicpGrid
         from .micp import MicpPlanner
 
         return MicpPlanner(
             solver=self.solver,
-            grid=Grid(intervals=self.intervals, envelope_use=self.envelope_use),
+            grid=MicpGrid(intervals=self.intervals, envelope_use=self.envelope_use),
             envelope=self.envelopes,
             gap=self.gap,
             projection=self.projection,

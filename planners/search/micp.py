@@ -28,7 +28,7 @@ from ..relaxation.boxes import boxes_of
 from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_frames, unit_domain
-from ..relaxation.micp import SOLVERS, Grid, MicpProgram, cones_of, of_layout
+from ..relaxation.micp import SOLVERS, MicpGrid, MicpProgram, cones_of, of_layout
 from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .clock import Clock
 
@@ -51,7 +51,7 @@ class MicpPlanner(TimeLimited):
         self,
         *,
         solver: str = "highs",
-        grid: Grid = Grid(),
+        grid: MicpGrid = MicpGrid(),
         envelope: Envelope | EnvelopeSet | None = None,
         gap: float | None = None,
         projection: Projection = "scp",

@@ -14,7 +14,7 @@ from ..equilibrium.layout import Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import Body, Forces, Given, HeldToes
+from ..equilibrium.terms import BodyPose, Forces, Given, HeldToes
 from ..files.arrays import Array
 from ..projection.held import held_moments
 
@@ -41,7 +41,7 @@ def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
     return np.asarray((pushed < scaled.like.weight * (DIRECTIONS[:, 2] - CLEAR)).any(axis=1))
 
 
-class Standing:
+class StandingTest:
     """Whether there are c, Θ and f for toes that are held: fix-toes (``held``), its moments zero, nothing to minimise.
 
     implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
@@ -49,7 +49,7 @@ class Standing:
 
     def __init__(self, layout: Layout, implied: bool) -> None:
         self._rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, forces = Body(rows, layout), Forces.of_contacts(rows, layout)
+        body, forces = BodyPose(rows, layout), Forces.of_contacts(rows, layout)
         forces.balance()
         held_moments(layout, body, forces).vanish(rows)
         forces.in_cones()
@@ -67,4 +67,4 @@ class Standing:
 
 def stands(programs: Programs, scaled: Scaled, toes: Array) -> bool:
     """Whether a posture problem has a posture with these toes, shape (N, 3), non-dimensional."""
-    return programs.get(Standing, scaled.layout, scaled.box_implied).admits(scaled, toes)
+    return programs.get(StandingTest, scaled.layout, scaled.box_implied).admits(scaled, toes)

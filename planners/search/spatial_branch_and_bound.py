@@ -134,7 +134,9 @@ class BoxSearch:
         if not point.residual <= self._acceptance.tolerance:
             return None
         posture = self._scaled.posture(point)
-        outcome = self._acceptance.answer(self._problem, Claim(found=posture), method=self._projection, clock=Clock.start())
+        outcome = self._acceptance.answer(
+            self._problem, Claim(found=posture), method=self._projection, clock=Clock.start()
+        )
         return outcome.solution
 
 

@@ -24,7 +24,7 @@ from ..problem.course import Course
 from ..projection.descent import improved
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
 from .answer import Acceptance, Claim, TimeLimited, plan_of
-from .choice import ChoiceSearch, Limits
+from .choice import ChoiceSearch, SearchLimits
 from .clock import Clock
 from .cuts import PROVABLE, CutSearch
 
@@ -93,7 +93,7 @@ class TwoStageCoursePlanner(TimeLimited):
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
         """The search over the patches of one course, run."""
         share = CHOICE_SHARE if self.cuts else 1.0
-        limits = Limits(max_nodes=self.max_nodes, gap=self.gap, share=share)
+        limits = SearchLimits(max_nodes=self.max_nodes, gap=self.gap, share=share)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, QUICK)

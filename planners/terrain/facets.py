@@ -80,7 +80,7 @@ class Plane:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Facet:
+class FlatPiece:
     """A plane, a polygon or several in it (shapely's), the triangles that it is of, and the rms of their corners off
     the plane [m]."""
 
@@ -108,7 +108,7 @@ def wide(piece: Array, least_m: float) -> bool:
     return width(piece) > max(least_m, 1e-3 * float(np.ptp(piece, axis=0).max()))
 
 
-def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> list[Facet]:
+def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> list[FlatPiece]:
     """The facets of a mesh, the largest first; wanted: of which triangles, shape (T,), all if missing."""
     shapely = shapely_module()
     corners = mesh.spread_m
@@ -127,7 +127,7 @@ def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> li
         polygon = shapely.polygons(flat)
         polygon = polygon[0] if len(group) == 1 else _united(polygon)
         rms = float(np.sqrt(np.mean(plane.height(corners[group]) ** 2)))
-        found.append(Facet(plane=plane, polygon=polygon, triangles=group, rms_m=rms))
+        found.append(FlatPiece(plane=plane, polygon=polygon, triangles=group, rms_m=rms))
     return found
 
 

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
 from .elevation import ElevationMap
-from .facets import Facet, Plane, shapely_module
+from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .mesh_footholds import standing_pieces
 from .patch import Patch
@@ -70,7 +70,9 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
         samples = (
             labels[where] == number if terrain.samples is None else terrain.samples[where][labels[where] == number]
         )
-        facet = Facet(plane=plane, polygon=outline, triangles=np.arange(int(samples.sum())), rms_m=float(rms[number]))
+        facet = FlatPiece(
+            plane=plane, polygon=outline, triangles=np.arange(int(samples.sum())), rms_m=float(rms[number])
+        )
         pieces += standing_pieces(facet, outline, number, limits, friction, refused)
         surfaces += [plane.patch(piece, friction) for piece in facet.pieces(SMALLEST_M)]
         refused["edge"] += max(float(count[number] * cell_m2[number]) - outline.area, 0.0)

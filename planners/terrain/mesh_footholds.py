@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..files.arrays import Array
-from .facets import COPLANAR_RAD, FLAT_M, Facet, facets_of, parts_of, shapely_module
+from .facets import COPLANAR_RAD, FLAT_M, FlatPiece, facets_of, parts_of, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .polygon import SMALLEST_M
 from .triangle_mesh import TriangleMesh
@@ -34,7 +34,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
     facets = facets_of(mesh)
     around = _Around(mesh)
     refused = dict.fromkeys(REASONS, 0.0)
-    standing = list[tuple[int, Facet]]()
+    standing = list[tuple[int, FlatPiece]]()
     for number, facet in enumerate(facets):
         area = facet.polygon.area
         if facet.plane.normal[2] < np.cos(limits.slope_rad) - 1e-9:
@@ -46,7 +46,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
             refused["covered"] += area - free.area
             standing.append((number, replace(facet, polygon=free)))
     outside = around.outside([facet for _, facet in standing])
-    pieces, tops = list[TerrainPatch](), dict[int, Facet]()
+    pieces, tops = list[TerrainPatch](), dict[int, FlatPiece]()
     for (number, facet), free in zip(standing, outside, strict=True):
         tops[number] = replace(facet, polygon=free)
         refused["inside"] += facet.polygon.area - free.area
@@ -59,14 +59,14 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
     )  # fmt: skip
 
 
-def _one_sided(facets: list[Facet], free: dict[int, Facet]) -> list[Facet]:
+def _one_sided(facets: list[FlatPiece], free: dict[int, FlatPiece]) -> list[FlatPiece]:
     """Facets without what lies behind a foothold and looks the other way: of a sheet that a mesh has from both sides
     one is its surface, or what stands on it would be inside. free: the footholds, by their facet's number."""
     if not free:
         return facets
     shapely, numbers = shapely_module(), np.array(list(free))
     planes = np.array([[*facet.plane.normal, facet.plane.normal @ facet.plane.origin_m] for facet in facets])
-    behind, kept = KDTree(planes[numbers]).query_ball_point(-planes, COPLANAR_RAD), list[Facet]()
+    behind, kept = KDTree(planes[numbers]).query_ball_point(-planes, COPLANAR_RAD), list[FlatPiece]()
     for number, (facet, found) in enumerate(zip(facets, behind, strict=True)):
         over = []
         for top in (free[k] for k in numbers[found].tolist() if number not in free or k < number):
@@ -79,7 +79,7 @@ def _one_sided(facets: list[Facet], free: dict[int, Facet]) -> list[Facet]:
 
 
 def standing_pieces(
-    facet: Facet, free: Any, surface: int, limits: FootholdLimits, friction: float, refused: dict[str, float]
+    facet: FlatPiece, free: Any, surface: int, limits: FootholdLimits, friction: float, refused: dict[str, float]
 ) -> list[TerrainPatch]:
     """The convex pieces of what is free of a facet, the margin away from its border; refused gets what is lost."""
     inner = free.buffer(-limits.margin_m, join_style="mitre") if limits.margin_m > 0.0 else free
@@ -105,7 +105,7 @@ class _Around:
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
         self._tree = self._shapely.STRtree(self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T))
 
-    def uncovered(self, facet: Facet, clearance_m: float) -> Any:
+    def uncovered(self, facet: FlatPiece, clearance_m: float) -> Any:
         """What of a facet has nothing within the clearance above it."""
         corners = self._corners[self._near(facet, clearance_m)]
         heights = facet.plane.height(corners)
@@ -121,7 +121,7 @@ class _Around:
             return facet.polygon
         return _difference(facet.polygon, self._shapely.union_all(touching, grid_size=1e-7))
 
-    def outside(self, facets: list[Facet]) -> list[Any]:
+    def outside(self, facets: list[FlatPiece]) -> list[Any]:
         """What of each facet is outside of all solids."""
         parts = [self._parts(facet) for facet in facets]
         points = [
@@ -139,7 +139,7 @@ class _Around:
             for facet, of, left in zip(facets, parts, kept, strict=True)
         ]
 
-    def _near(self, facet: Facet, above_m: float) -> NDArray[np.int_]:
+    def _near(self, facet: FlatPiece, above_m: float) -> NDArray[np.int_]:
         """Triangles whose boxes meet the facet moved up by as much as ``above_m``, its own left out."""
         corners = facet.plane.world(np.array(self._shapely.get_coordinates(facet.polygon)))
         corners = np.concatenate([corners, corners + above_m * facet.plane.normal])
@@ -148,7 +148,7 @@ class _Around:
         near = near[(self._low[near, 2] <= high[2]) & (self._high[near, 2] >= low[2])]
         return np.setdiff1d(near, facet.triangles, assume_unique=True)
 
-    def _parts(self, facet: Facet) -> list[Any]:
+    def _parts(self, facet: FlatPiece) -> list[Any]:
         """The parts of a facet between the lines along which other triangles cross it."""
         parts = parts_of(facet.polygon)
         if not parts:
@@ -168,7 +168,7 @@ class _Around:
         cut = self._shapely.get_parts(self._shapely.polygonize([self._shapely.union_all(borders, grid_size=1e-7)]))
         return [part for part in cut if core.intersects(part.representative_point())] or parts
 
-    def _shadows(self, facet: Facet) -> Array:
+    def _shadows(self, facet: FlatPiece) -> Array:
         """Where rays from the plane of a facet meet edges above that are open, shape (K, 2, 2)."""
         heights = facet.plane.height(self._open)
         over = heights.max(axis=1) > ABOVE_M

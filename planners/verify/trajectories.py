@@ -16,7 +16,7 @@ from ..answer.trajectory import Trajectory
 from ..physics import GRAVITY_M_S2
 from .trajectory_defects import defect_of
 from .trajectory_limits import GROUPS as GROUPS
-from .trajectory_limits import Limits as Limits
+from .trajectory_limits import WalkLimits as WalkLimits
 from .trajectory_measurements import TrajectoryMeasurements
 from .trajectory_momentum import MomentumMeasurements
 from .trajectory_series import Rows
@@ -25,10 +25,12 @@ from .trajectory_whole_body import nothing, whole_body
 
 TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
-__all__ = ["GROUPS", "Limits", "check_trajectory"]
+__all__ = ["GROUPS", "WalkLimits", "check_trajectory"]
 
 
-def check_trajectory(trajectory: Trajectory, limits: Limits = Limits(), *, body: bool = True) -> Report[Trajectory]:
+def check_trajectory(
+    trajectory: Trajectory, limits: WalkLimits = WalkLimits(), *, body: bool = True
+) -> Report[Trajectory]:
     """Check everything between the knots that a robot would have to live with; never raises for a bad trajectory.
 
     body: judge joints, torques and bodies, too, of a robot that has a model; that takes most of the time.
@@ -51,7 +53,7 @@ def check_trajectory(trajectory: Trajectory, limits: Limits = Limits(), *, body:
         )
 
 
-def _measured(measured: TrajectoryMeasurements, limits: Limits, *, body: bool) -> tuple[Group, ...]:
+def _measured(measured: TrajectoryMeasurements, limits: WalkLimits, *, body: bool) -> tuple[Group, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
     own, unasked = whole_body(measured, limits) if body else nothing("not asked for")
     rows = _balances(measured, limits) | _contacts(measured, limits) | _whole(measured, limits) | own
@@ -88,7 +90,7 @@ def _unasked(trajectory: Trajectory) -> dict[str, str]:
     return found
 
 
-def _balances(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
+def _balances(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
     """Newton and Euler, and who could supply what they lack."""
     weight, moment = measured.weight_n, measured.moment_scale_nm
     forces, moments, momentum = measured.force_residual(), measured.moment_residual(), MomentumMeasurements(measured)
@@ -113,7 +115,7 @@ def _balances(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
     }  # fmt: skip
 
 
-def _contacts(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
+def _contacts(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
     """Feet: what they press with, where they stand, and how they step."""
     weight, steps = measured.weight_n, StepMeasurements(measured)
     return {
@@ -136,7 +138,7 @@ def _contacts(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
     }
 
 
-def _whole(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
+def _whole(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
     """The motion as one, and the course."""
     trajectory = measured.trajectory
     return {
@@ -152,7 +154,7 @@ def _whole(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
     }
 
 
-def _refused(trajectory: Trajectory, limits: Limits, defect: str) -> Report[Trajectory]:
+def _refused(trajectory: Trajectory, limits: WalkLimits, defect: str) -> Report[Trajectory]:
     groups = tuple(Group(group, math.inf, 0.0, unit) for group, unit in GROUPS.items())
     return Report(
         groups=groups, subject=None, answer=trajectory, tolerance=0.0, limits=asdict(limits), defect=defect

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ..answer.hindrance import WALK_BODY as WHOLE_BODY
 from ..answer.trajectory import STEP_S
 
-__all__ = ["GROUPS", "WHOLE_BODY", "Limits"]
+__all__ = ["GROUPS", "WHOLE_BODY", "WalkLimits"]
 
 GROUPS = {
     "rotation": "1",
@@ -59,7 +59,7 @@ GROUPS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class WalkLimits:
     """What a trajectory may miss by, the same for every chart; forces in units of m·g, moments of m·g·stand height.
 
     The two balances are judged by their root mean square over all samples, and by a wide limit on the single sample.

@@ -23,7 +23,7 @@ MOST_PIECES = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Phase:
+class FootPhase:
     """Samples first … last of one foot's stance or swing. whole: it begins and ends within the trajectory."""
 
     foot: int
@@ -113,24 +113,24 @@ class StepMeasurements:
         points = np.einsum("kwi,ws->ksi", near, weights).reshape(-1, 3)
         return points, (self.times_s[at][:, None] + shares * self.step_s).ravel()
 
-    def _heights(self, swing: Phase) -> Array:
+    def _heights(self, swing: FootPhase) -> Array:
         return self._height_m[swing.first : swing.last + 1, swing.foot]
 
-    def _middle(self, swing: Phase) -> Array:
+    def _middle(self, swing: FootPhase) -> Array:
         """Heights in the middle half; of a swing that is cut off all but a quarter beside the end at which it lands."""
         heights = self._heights(swing)
         quarter = len(heights) // 4
         begins, ends = swing.first > 0, swing.last < len(self._height_m) - 1
         return heights[quarter * begins : len(heights) - quarter * ends]
 
-    def _dragged(self, swing: Phase, near_m: float) -> float:
+    def _dragged(self, swing: FootPhase, near_m: float) -> float:
         first, last = max(swing.first - 1, 0), min(swing.last + 1, len(self._height_m) - 1)
         way = self.trajectory.feet_m[first : last + 1, swing.foot]
         stands = self.trajectory.contact[first : last + 1, swing.foot]
         low = stands | (self._height_m[first : last + 1, swing.foot] < near_m)
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1)[low[1:] & low[:-1]].sum())
 
-    def _marked(self, found: Iterator[tuple[Phase, float]]) -> Series:
+    def _marked(self, found: Iterator[tuple[FootPhase, float]]) -> Series:
         """A value a phase, at the sample where the phase begins."""
         values = np.zeros(self.trajectory.contact.shape)
         for phase, value in found:
@@ -138,10 +138,10 @@ class StepMeasurements:
         return Series(values, self.feet, self.times_s)
 
 
-def _phases(holds: Flags) -> Iterator[Phase]:
+def _phases(holds: Flags) -> Iterator[FootPhase]:
     """Runs of samples at which it holds, foot by foot; those that an end of the trajectory cuts off are not whole."""
     for foot in range(holds.shape[1]):
         changes = [0, *(np.flatnonzero(np.diff(holds[:, foot])) + 1).tolist(), len(holds)]
         for first, end in pairwise(changes):
             if holds[first, foot]:
-                yield Phase(foot, first, end - 1, whole=first > 0 and end < len(holds))
+                yield FootPhase(foot, first, end - 1, whole=first > 0 and end < len(holds))

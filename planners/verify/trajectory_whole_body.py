@@ -15,7 +15,7 @@ from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .bodies import bodies_report, spaced
-from .trajectory_limits import WHOLE_BODY, Limits
+from .trajectory_limits import WHOLE_BODY, WalkLimits
 from .trajectory_measurements import TrajectoryMeasurements
 from .trajectory_series import Rows, Series
 
@@ -32,7 +32,7 @@ def nothing(why: str) -> tuple[Rows, dict[str, str]]:
     return rows, dict.fromkeys(WHOLE_BODY, why)
 
 
-def whole_body(measured: TrajectoryMeasurements, limits: Limits) -> tuple[Rows, dict[str, str]]:
+def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Rows, dict[str, str]]:
     """What the groups of ``WHOLE_BODY`` measure, and why some of them are not checked, by their names.
 
     limits: what is allowed of each. Returns series with their limits, all empty for a robot of boxes or without

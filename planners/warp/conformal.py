@@ -22,7 +22,7 @@ from .energy import MapEnergy, shear
 from .gauss_newton import gauss_newton
 from .gradient import descend
 from .local_global import Descent, accelerated, published
-from .quadrature import Grid
+from .quadrature import QuadratureGrid
 from .report import TORSO_M, MapReport, conformal_error, least_determinant, match_error
 from .spline_map import STEEPEST_FADE, SplineMap, terrain_digest
 
@@ -104,7 +104,9 @@ def fit_map(
     Raises InvalidInput for a bad grid, and PlanningFailed for a terrain that is finer than the snap can hold.
     """
     began = process_time()
-    grid = Grid.of_band(field.domain_m, checked(height_m, "height_m", above=0.0, most=100.0), _cells(cells), 2)
+    grid = QuadratureGrid.of_band(
+        field.domain_m, checked(height_m, "height_m", above=0.0, most=100.0), _cells(cells), 2
+    )
     if method == "fast":
         return _fast(field, grid, iterations, began)
     energy = MapEnergy.published(grid, field, barrier=PUBLISHED_BARRIER if method == "gauss-newton" else 0.0)
@@ -116,7 +118,7 @@ def fit_map(
     return MapFit(map=warp, report=_report(method, field, warp, descent, match_error(warp, field), began))
 
 
-def _fast(field: HeightField, grid: Grid, iterations: int, began: float) -> MapFit:
+def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: float) -> MapFit:
     failed = "the terrain is too steep"
     for target, sigma in _targets(field, grid):
         energy = MapEnergy(grid=grid, field=target, match_weight=MATCH_WEIGHT, barrier=BARRIER)
@@ -140,7 +142,7 @@ def _fast(field: HeightField, grid: Grid, iterations: int, began: float) -> MapF
     return fit
 
 
-def _targets(field: HeightField, grid: Grid) -> Iterator[tuple[HeightField, float]]:
+def _targets(field: HeightField, grid: QuadratureGrid) -> Iterator[tuple[HeightField, float]]:
     """What the tri-cubic map is matched to, with its smoothing: the terrain, or what its cells can follow."""
     cell = max(axis.cell_m for axis in grid.axes[:2])
     for share in SMOOTHINGS:
@@ -153,7 +155,7 @@ def _targets(field: HeightField, grid: Grid) -> Iterator[tuple[HeightField, floa
 
 
 def _snapped(
-    field: HeightField, grid: Grid, descent: Descent, message: str, began: float, fade_m: float | None = None
+    field: HeightField, grid: QuadratureGrid, descent: Descent, message: str, began: float, fade_m: float | None = None
 ) -> MapFit:
     """The map of a descent, its ground laid exactly on the terrain, with its report.
 
@@ -200,7 +202,7 @@ def _with_margin(x: Array, y: Array, delta: Array) -> HeightField:
     return HeightField(lines[0], lines[1], delta, "snap")
 
 
-def _map(field: HeightField, grid: Grid, psi: Array) -> SplineMap:
+def _map(field: HeightField, grid: QuadratureGrid, psi: Array) -> SplineMap:
     return SplineMap(
         domain_m=field.domain_m,
         height_m=grid.axes[2].high,

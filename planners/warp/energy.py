@@ -13,7 +13,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..terrain.heightfield import HeightField
-from .quadrature import Grid
+from .quadrature import QuadratureGrid
 from .similarity import cofactor, determinant, rotation
 
 Scale = Literal["published", "nearest"]
@@ -45,14 +45,14 @@ class Evaluation:
 class MapEnergy:
     """E_map + weight·E_match over a grid (W6). barrier: μ, 0 for none; scale: which similarity ρ measures against."""
 
-    grid: Grid
+    grid: QuadratureGrid
     field: HeightField
     match_weight: float
     barrier: float = 0.0
     scale: Scale = "nearest"
 
     @classmethod
-    def published(cls, grid: Grid, field: HeightField, barrier: float = 0.0) -> MapEnergy:
+    def published(cls, grid: QuadratureGrid, field: HeightField, barrier: float = 0.0) -> MapEnergy:
         """W6 as printed, in metres."""
         side = float(np.cbrt(np.prod([axis.cell_m for axis in grid.axes])))
         return cls(grid=grid, field=field, match_weight=1.0 / side, barrier=barrier, scale="published")
@@ -111,7 +111,7 @@ def _published(jacobian: Array, cof: Array, det: Array) -> tuple[Array, Array]:
     return density, stress * sign
 
 
-def shear(grid: Grid, field: HeightField) -> Array:
+def shear(grid: QuadratureGrid, field: HeightField) -> Array:
     """Control points of (x̄, ȳ, z̄ + h) with h fitted in the grid's own splines, shape (3, nx, ny, nz): det J = 1."""
     x, y, _ = grid.axes
     height = field.height(np.stack(np.meshgrid(x.at, y.at, indexing="ij"), axis=-1))

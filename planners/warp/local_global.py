@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from ..files.arrays import Array
 from .energy import Evaluation, MapEnergy
-from .quadrature import Grid, SeparableSolver
+from .quadrature import QuadratureGrid, SeparableSolver
 from .similarity import nearest_similarity, published_similarity
 
 Solve = Callable[[Array], Array]
@@ -108,7 +108,7 @@ class _Anderson:
         return np.asarray((point.ravel() + step.ravel() + (moves + shifts) @ shares).reshape(point.shape))
 
 
-def _factorised(grid: Grid, grip: float) -> Solve:
+def _factorised(grid: QuadratureGrid, grip: float) -> Solve:
     """The global step's normal matrix of each component, factorised once."""
     x, y, z = grid.axes
     hold = np.outer(z.ends[0], z.ends[0])

@@ -107,7 +107,7 @@ class Axis:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Grid:
+class QuadratureGrid:
     """The cells of a band above the flat ground z̄ = 0, x̄ first; each axis with its quadrature."""
 
     axes: tuple[Axis, Axis, Axis]
@@ -119,7 +119,7 @@ class Grid:
         height_m: float,
         cells: tuple[int, int, int],
         points: int,
-    ) -> Grid:
+    ) -> QuadratureGrid:
         """The grid over a terrain's domain and up to ``height_m``."""
         spans = (*domain_m, (0.0, height_m))
         x, y, z = (
@@ -181,7 +181,7 @@ class SeparableSolver:
     changes the way to where a gradient is zero, not the place.
     """
 
-    def __init__(self, grid: Grid, grip: float, ridge: float = 0.0) -> None:
+    def __init__(self, grid: QuadratureGrid, grip: float, ridge: float = 0.0) -> None:
         x, y, z = grid.axes
         held_x, held_y = (axis.modes(pinned=True, ridge=ridge) for axis in (x, y))
         free_x, free_y, free_z = (axis.modes(ridge=ridge) for axis in grid.axes)

@@ -16,14 +16,14 @@ from statistics import median
 from typing import Any, Self
 
 from . import protocol2 as p2
-from .servo_bus import ServoBus
+from .servo_bus import EmulatedBus
 
 PERIOD_S = 0.02
 GOAL, POSITION = b"\x74\0\x04\0", b"\x84\0\x04\0"
 
 
 class BusProcess:
-    """A ``ServoBus`` in a child process; ``path`` is the port to open. A context manager."""
+    """A ``EmulatedBus`` in a child process; ``path`` is the port to open. A context manager."""
 
     def __init__(
         self, position_rad: Sequence[float] | None = None, *, count: int = 24, seed: int = 0
@@ -38,11 +38,11 @@ class BusProcess:
         self.path = str(self._answer()["path"])
 
     def inject(self, fault: str, at_s: float = 0.0) -> None:
-        """Let a fault happen in so many seconds, as ``ServoBus.inject``."""
+        """Let a fault happen in so many seconds, as ``EmulatedBus.inject``."""
         self._ask(f"{fault} in {at_s:.6f}")
 
     def state(self) -> dict[str, Any]:
-        """State as of ``ServoBus.state``."""
+        """State as of ``EmulatedBus.state``."""
         return self._ask("")
 
     def close(self) -> None:
@@ -134,7 +134,7 @@ def main() -> None:
     parser.add_argument("--position", type=str, default="")
     asked = parser.parse_args()
     position = [float(value) for value in asked.position.split(",")] if asked.position else None
-    with ServoBus(range(1, asked.count + 1), position, seed=asked.seed) as bus:
+    with EmulatedBus(range(1, asked.count + 1), position, seed=asked.seed) as bus:
         _say({"path": bus.path})
         for line in sys.stdin:
             answer: dict[str, Any] = {}

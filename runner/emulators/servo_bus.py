@@ -1,7 +1,7 @@
 """A servo bus on a pseudo-terminal: a USB adapter with servos behind it, as the real SDK sees it, and its faults.
 
-``ServoBus`` runs in a thread; ``BusProcess`` (``bus_process.py``) runs it as a child process, which lives on when the
-host is killed. Both answer ``inject(fault, at_s)``, ``state()`` and ``close()``. Times in ``state()`` are
+``EmulatedBus`` runs in a thread; ``BusProcess`` (``bus_process.py``) runs it as a child process, which lives on when
+the host is killed. Both answer ``inject(fault, at_s)``, ``state()`` and ``close()``. Times in ``state()`` are
 ``time.monotonic``, the same for all processes of the machine. The servos' own time is slower where the machine is too
 slow for the emulator (``EmulatedTime``): a watchdog must not trip because nobody ran the servos.
 """
@@ -88,7 +88,7 @@ class EmulatedTime:
         return 1.0 if passed <= 0.0 else (self.now - self._began_s) / passed
 
 
-class ServoBus(threading.Thread):
+class EmulatedBus(threading.Thread):
     """Servos on a pseudo-terminal; ``path`` is the port to open.
 
     position_rad: of the shafts at first, from tick 2048. wire: bytes take as long as at the port's baud rate.

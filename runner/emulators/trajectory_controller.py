@@ -26,7 +26,7 @@ class Task:
 
 
 @dataclass
-class JointPath:
+class CommandedPath:
     """Points in time; before the first from ``start``, after the last at rest there."""
 
     begun_s: float
@@ -82,7 +82,7 @@ class Controller:
     def stop(self) -> None:
         """Hold where the joints are."""
         zero = np.zeros(len(self.names))
-        self.path = JointPath(
+        self.path = CommandedPath(
             self.now_s,
             self.position.copy(),
             zero,
@@ -121,7 +121,7 @@ class Controller:
             np.array([[point["velocities"][i] for i in order] for point in points]) if has else None
         )
         start, rate = self.desired()
-        self.path = JointPath(self.now_s, start.copy(), rate.copy(), times, positions, velocities)
+        self.path = CommandedPath(self.now_s, start.copy(), rate.copy(), times, positions, velocities)
         return True
 
     def begin(self, goal: dict[str, Any], nanos: str, epoch_s: float = 0.0) -> Task | None:

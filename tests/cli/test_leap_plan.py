@@ -72,7 +72,10 @@ def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message)
             "timings_s[0]: expected durations that add up to duration_s, 2 s, got 0.96 s",
         ),
         ({"footholds": []}, "leap leap-0: footholds: expected one of LF in phase 0, where it begins to stand"),
-        ({"distribution": "none"}, "distribution: expected one of leap-base, leap-hard, leap-long, leap, leap-few, leap-given"),
+        (
+            {"distribution": "none"},
+            "distribution: expected one of leap-base, leap-hard, leap-long, leap, leap-few, leap-given",
+        ),
     ],
 )
 def test_a_bad_leap_is_one_line_and_exit_code_2(stancekit, tmp_path, change, message):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from stancekit.cli.main import run
-from stancekit.cli.robot import Robot
+from stancekit.cli.robot import ShowRobot
 from stancekit.planners.robot.robot_file import named_robot
 from tests.planners.robot.small_urdfs import MASS, fixed, link, quadruped, robot
 
@@ -28,7 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_it_says_what_was_found_and_marks_what_was_guessed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(Robot(str(folder / "dog.urdf"))) == 0
+    assert run(ShowRobot(str(folder / "dog.urdf"))) == 0
     said = capsys.readouterr().out
     assert "robot   quadruped" in said
     assert "16.200 kg" in said
@@ -40,7 +40,7 @@ def test_it_says_what_was_found_and_marks_what_was_guessed(folder: Path, capsys:
 
 
 def test_with_json_it_is_one_object_and_corrections_count(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(Robot(str(folder / "dog.yaml"), srdf=folder / "dog.srdf", json=True)) == 0
+    assert run(ShowRobot(str(folder / "dog.yaml"), srdf=folder / "dog.srdf", json=True)) == 0
     record = json.loads(capsys.readouterr().out)
     model = named_robot(folder / "dog.yaml")
     assert record["name"] == "dog"
@@ -59,10 +59,10 @@ def test_with_json_it_is_one_object_and_corrections_count(folder: Path, capsys: 
 def test_a_picture_is_written_and_one_that_cannot_be_is_refused_before_any_work(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(Robot(str(folder / "dog.urdf"), picture=tmp_path / "dog.png")) == 0
+    assert run(ShowRobot(str(folder / "dog.urdf"), picture=tmp_path / "dog.png")) == 0
     assert (tmp_path / "dog.png").read_bytes().startswith(b"\x89PNG")
     capsys.readouterr()
-    assert run(Robot("nobody", picture=tmp_path / "none" / "dog.png")) == 2
+    assert run(ShowRobot("nobody", picture=tmp_path / "none" / "dog.png")) == 2
     assert f"expected an existing folder {tmp_path / 'none'}" in capsys.readouterr().err
 
 
@@ -71,7 +71,7 @@ def test_feet_that_stay_on_a_surface_make_a_robot_without_workspaces(
 ) -> None:
     text = quadruped(("LF", "RF")).replace('<joint name="LF_HAA" type="revolute"', '<joint name="LF_HAA" type="fixed"')
     (tmp_path / "flat.urdf").write_text(text)
-    assert run(Robot(str(tmp_path / "flat.urdf"))) == 0
+    assert run(ShowRobot(str(tmp_path / "flat.urdf"))) == 0
     assert "no workspace: leg LF: expected three joints or more" in capsys.readouterr().out
 
 
@@ -89,7 +89,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     folder: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, message: str
 ) -> None:
     (folder / name).write_text(text)
-    assert run(Robot(str(folder / name))) == 2
+    assert run(ShowRobot(str(folder / name))) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.count("\n") == 1
@@ -97,14 +97,14 @@ def test_bad_input_is_one_line_and_exit_code_2(
 
 
 def test_without_a_robot_it_lists_those_with_a_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(Robot(json=True)) == 0
+    assert run(ShowRobot(json=True)) == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert rows[0] == {"name": "hexapod", "provider": "stancekit", "installed": True}
     assert {row["name"]: row["provider"] for row in rows}["go1"] == "example-robot-data"
-    assert run(Robot()) == 0
+    assert run(ShowRobot()) == 0
     assert "anymal_b" in capsys.readouterr().out
 
 
 def test_an_option_wants_a_robot(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(Robot(picture=Path("robot.png"))) == 2
+    assert run(ShowRobot(picture=Path("robot.png"))) == 2
     assert capsys.readouterr().err == "stancekit: error: --picture: expected a robot with it, got none\n"

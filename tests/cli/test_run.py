@@ -19,7 +19,7 @@ pytest.importorskip("mcap")
 
 from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
-from stancekit.cli.run import Run
+from stancekit.cli.run import RunMotion
 from stancekit.planners.formats.answer_file import write_boxes
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
@@ -57,7 +57,7 @@ def ended(verb: Any, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]
 
 def test_a_plan_is_run_logged_drawn_and_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, picture = folder / "run.mcap", folder / "run.svg"
-    verb = Run(plan=folder / "plan.json", pace=2.0, log=log, picture=picture, json=True)
+    verb = RunMotion(plan=folder / "plan.json", pace=2.0, log=log, picture=picture, json=True)
     code, out, _ = ended(verb, capsys)
     report = json.loads(out)
     assert (code, report["succeeded"], report["ended"]["left"]) == (0, True, "held")
@@ -66,7 +66,7 @@ def test_a_plan_is_run_logged_drawn_and_replayed(folder: Path, capsys: pytest.Ca
     message = json.loads(out)
     assert (code, message["whole"], message["commands"]) == (0, True, report["sent"])
     assert message["joint_worst_rad"] == pytest.approx(report["joint_worst_rad"], rel=1e-6)
-    code, out, _ = ended(Run(plan=folder / "plan.json", pace=2.0, world="replay", setup=log, json=True), capsys)
+    code, out, _ = ended(RunMotion(plan=folder / "plan.json", pace=2.0, world="replay", setup=log, json=True), capsys)
     assert (code, json.loads(out)["replay_rad"]) == (0, 0.0)
     log.write_bytes(log.read_bytes()[:200000])
     code, out, _ = ended(Replay(log=log), capsys)
@@ -85,7 +85,7 @@ def test_a_selector_file_walks_a_course_with_less_friction_than_it_says(
         .replace("frames: 8", "frames: 3")
     )
     log = folder / "loop.mcap"
-    verb = Run(
+    verb = RunMotion(
         plan=folder / "short.yaml", policy=str(folder / "wall-3.json"), horizon=1, friction_share=0.9, pace=2.0,
         log=log, json=True,
     )  # fmt: skip
@@ -98,7 +98,7 @@ def test_a_selector_file_walks_a_course_with_less_friction_than_it_says(
 
 def test_a_policy_begins_with_the_plan_that_it_is_given(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = folder / "given.mcap"
-    code, out, _ = ended(Run(plan=folder / "plan.json", policy="lift", pace=2.0, log=log), capsys)
+    code, out, _ = ended(RunMotion(plan=folder / "plan.json", policy="lift", pace=2.0, log=log), capsys)
     assert code == 0
     assert "1, 0 of them because of a deviation" in out
     assert read_log(log).of("plan")[0]["source"] == str(folder / "plan.json")
@@ -109,12 +109,12 @@ def test_a_gait_is_run_and_another_pace_or_a_policy_refused(folder: Path, capsys
     short = ("--goal", "0.1,0", "--duration-s", "2.5", "--raw")
     assert main_code("gait", "rough:0:1", "--robot", "hexapod", *short, "--out", str(path)) == 0
     capsys.readouterr()
-    code, out, _ = ended(Run(plan=path), capsys)
+    code, out, _ = ended(RunMotion(plan=path), capsys)
     assert code == 0
     assert re.search(r"seconds +3\.5 of 3\.5", out)
     assert "run as planned" in out
     for options, said in (({"pace": 2.0}, "--pace"), ({"policy": "lift"}, "--policy")):
-        code, _, err = ended(Run(plan=path, **options), capsys)
+        code, _, err = ended(RunMotion(plan=path, **options), capsys)
         assert (code, err) == (
             2,
             f"stancekit: error: {said}: expected key frames: a gait runs as planned, or not at all\n",
@@ -124,11 +124,11 @@ def test_a_gait_is_run_and_another_pace_or_a_policy_refused(folder: Path, capsys
 def test_a_stop_file_that_is_there_lets_nothing_begin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stop = folder / "stop"
     stop.touch()
-    code, out, _ = ended(Run(plan=folder / "plan.json", stop_file=stop, json=True), capsys)
+    code, out, _ = ended(RunMotion(plan=folder / "plan.json", stop_file=stop, json=True), capsys)
     report = json.loads(out)
     assert (code, report["sent"], report["message"]) == (1, 0, "stop file stop is there")
     assert (report["joint_worst"], report["joint_worst_rad"], report["cycle_s"]) == ("", None, [None, None])
-    code, out, _ = ended(Run(plan=folder / "plan.json", stop_file=stop), capsys)
+    code, out, _ = ended(RunMotion(plan=folder / "plan.json", stop_file=stop), capsys)
     assert code == 1
     assert "stop file stop is there" in out
     assert "nan" not in out
@@ -141,7 +141,7 @@ def test_a_run_that_was_stopped_on_a_computer_with_too_much_work_says_how_much(
     monkeypatch.setattr("stancekit.runner.report.load", lambda: load)
     stop = folder / "stop"
     stop.touch()
-    code, out, _ = ended(Run(plan=folder / "plan.json", stop_file=stop), capsys)
+    code, out, _ = ended(RunMotion(plan=folder / "plan.json", stop_file=stop), capsys)
     assert code == 1
     assert ("3.2 processes for each processor: a run that comes too late" in " ".join(out.split())) == said
 
@@ -167,7 +167,7 @@ def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refu
         ({"hung": True, "log": log}, "hung: expected a robot that can hang in a stand, world mujoco has none"),
     ):
         given: dict[str, Any] = {"plan": plan} | options
-        assert ended(Run(**given), capsys) == (2, "", f"stancekit: error: {said}\n")
+        assert ended(RunMotion(**given), capsys) == (2, "", f"stancekit: error: {said}\n")
     assert (plan.read_bytes(), log.read_bytes()) == (before, b"an earlier log")
 
 
@@ -209,7 +209,7 @@ def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pyt
 def test_bad_input_is_one_line_and_exit_code_2(
     folder: Path, capsys: pytest.CaptureFixture[str], options: dict[str, Any], said: str
 ) -> None:
-    code, out, err = ended(Run(**({"plan": folder / "plan.json"} | options)), capsys)
+    code, out, err = ended(RunMotion(**({"plan": folder / "plan.json"} | options)), capsys)
     assert (code, out) == (2, "")
     assert said in err
     assert err.count("\n") == 1
@@ -233,14 +233,14 @@ def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
     folder: Path, capsys: pytest.CaptureFixture[str], actuator: str, has: str, hot: bool
 ) -> None:
     """It says what the joints are then seen to need in a run with joints that have it, as measured there, too."""
-    code, out, _ = ended(Run(plan=folder / "plan.json", json=True), capsys)
+    code, out, _ = ended(RunMotion(plan=folder / "plan.json", json=True), capsys)
     assert code == 0
     ran, file = json.loads(out), folder / "actuators.yaml"
     strong = "strong: {stall_nm: 40, continuous_nm: 40, no_load_rad_s: 40}"
     file.write_text(
         f'format: stancekit/actuators/1\nactuators: {{weak: {actuator}, {strong}}}\njoints: {{"*": weak}}\n'
     )
-    code, out, err = ended(Run(plan=folder / "plan.json", actuators=str(file)), capsys)
+    code, out, err = ended(RunMotion(plan=folder / "plan.json", actuators=str(file)), capsys)
     found = SAID.search(err)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert found is not None, err
@@ -250,11 +250,11 @@ def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
         assert peak_nm == pytest.approx(needs[joint]["peak_nm"], rel=off)
         assert rms_nm == pytest.approx(needs[joint]["rms_nm"], rel=off)
     file.write_text(file.read_text().replace('"*": weak', '"*": strong'))
-    assert ended(Run(plan=folder / "plan.json", actuators=str(file)), capsys)[0] == 0
+    assert ended(RunMotion(plan=folder / "plan.json", actuators=str(file)), capsys)[0] == 0
 
 
 def test_where_no_known_actuator_bears_a_plan_that_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, err = ended(Run(plan=folder / "plan.json", actuators="XM430-W350"), capsys)
+    code, out, err = ended(RunMotion(plan=folder / "plan.json", actuators="XM430-W350"), capsys)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "XM430-W350 has 0.9 of 4.1 Nm for a moment and 0.82 Nm for ever; no known actuator would do" in err
 
@@ -282,7 +282,7 @@ def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_moti
         data["joints"][joint] = None if fields is None else data["joints"][joint] | fields
         data["joints"] = {name: value for name, value in data["joints"].items() if value is not None}
     (folder / "setup.yaml").write_text(yaml.safe_dump(data | change, sort_keys=False))
-    code, out, err = ended(Run(plan=folder / "plan.json", world=world, setup=folder / "setup.yaml"), capsys)
+    code, out, err = ended(RunMotion(plan=folder / "plan.json", world=world, setup=folder / "setup.yaml"), capsys)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert said in err
 
@@ -302,7 +302,7 @@ def test_a_pose_from_which_feet_would_go_through_a_wall_is_one_line_before_any_m
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "own.py").write_text(OWN)
-    verb = Run(plan=folder / "plan.json", world=f"{folder / 'own.py'}:Straight", log=folder / "away.mcap")
+    verb = RunMotion(plan=folder / "plan.json", world=f"{folder / 'own.py'}:Straight", log=folder / "away.mcap")
     code, out, err = ended(verb, capsys)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert re.search(r"soft start: limb \w+: its foot would go \d+ mm into a surface on the way", err)
@@ -316,7 +316,7 @@ def test_a_stop_topic_that_is_pressed_lets_nothing_begin(folder: Path, capsys: p
 
     with RosBridge(["a"]) as bridge:
         bridge.inject("e-stop")
-        verb = Run(plan=folder / "plan.json", stop_topic=f"127.0.0.1:{bridge.port}/e_stop", json=True)
+        verb = RunMotion(plan=folder / "plan.json", stop_topic=f"127.0.0.1:{bridge.port}/e_stop", json=True)
         code, out, _ = ended(verb, capsys)
     report = json.loads(out)
     assert (code, report["sent"], report["message"]) == (1, 0, "e-stop pressed on /e_stop")

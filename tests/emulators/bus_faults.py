@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from stancekit.runner.emulators.bus_process import BusProcess
-from stancekit.runner.emulators.servo_bus import ServoBus
+from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.worlds.dynamixel.calibration import Calibration
 from stancekit.runner.worlds.dynamixel.control_table import RAD, TICKS
 
@@ -24,7 +24,7 @@ class BusFaults:
 
     kinds = KINDS
 
-    def __init__(self, bus: ServoBus | BusProcess, host_pid: int | None = None) -> None:
+    def __init__(self, bus: EmulatedBus | BusProcess, host_pid: int | None = None) -> None:
         self._bus, self._host = bus, host_pid
 
     def inject(self, kind: str, at_s: float = 0.0) -> None:

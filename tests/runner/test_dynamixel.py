@@ -21,7 +21,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.emulators.bus_process import BusProcess
-from stancekit.runner.emulators.servo_bus import ServoBus
+from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
@@ -48,13 +48,13 @@ def mirrored(port: str) -> Calibration:
 
 
 @pytest.fixture
-def bus() -> Iterator[ServoBus]:
-    with ServoBus(range(1, 25), mirrored("none").shafts(JOINTS, START).tolist()) as made:
+def bus() -> Iterator[EmulatedBus]:
+    with EmulatedBus(range(1, 25), mirrored("none").shafts(JOINTS, START).tolist()) as made:
         yield made
 
 
 @pytest.fixture
-def world(bus: ServoBus) -> Iterator[DynamixelWorld]:
+def world(bus: EmulatedBus) -> Iterator[DynamixelWorld]:
     with DynamixelWorld(ROBOT, mirrored(bus.path)) as made:
         yield made
 
@@ -63,7 +63,7 @@ def wave(k: int) -> np.ndarray:
     return START + 0.2 * np.sin(2 * np.pi * 0.5 * k / 50.0)
 
 
-def test_reset_measures_every_joint_and_moves_none(bus: ServoBus, world: DynamixelWorld) -> None:
+def test_reset_measures_every_joint_and_moves_none(bus: EmulatedBus, world: DynamixelWorld) -> None:
     state = world.reset(*STILL)
     np.testing.assert_allclose(state.angles_rad, START, atol=table.RAD)
     np.testing.assert_allclose(state.feet_m, world._kinematics.feet(state.angles_rad))
@@ -75,7 +75,9 @@ def test_reset_measures_every_joint_and_moves_none(bus: ServoBus, world: Dynamix
     assert bus.state()["goal_writes"] == 0
 
 
-def test_arming_holds_the_measured_pose_with_currents_and_watchdogs_set(bus: ServoBus, world: DynamixelWorld) -> None:
+def test_arming_holds_the_measured_pose_with_currents_and_watchdogs_set(
+    bus: EmulatedBus, world: DynamixelWorld
+) -> None:
     world.reset(*STILL)
     world.torque(True)
     seen = bus.state()
@@ -88,7 +90,7 @@ def test_arming_holds_the_measured_pose_with_currents_and_watchdogs_set(bus: Ser
         assert bus.servos.get(index, 63) & 0x34 == 0x34
 
 
-def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(bus: ServoBus, world: DynamixelWorld) -> None:
+def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(bus: EmulatedBus, world: DynamixelWorld) -> None:
     world.reset(*STILL)
     world.torque(True)
     begin, away = time.monotonic(), 0.0
@@ -114,7 +116,9 @@ def test_a_target_is_clipped_to_what_a_joint_can_turn_and_to_its_limits(world: D
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_target_that_is_no_number_is_refused_and_not_sent(bus: ServoBus, world: DynamixelWorld, bad: float) -> None:
+def test_a_target_that_is_no_number_is_refused_and_not_sent(
+    bus: EmulatedBus, world: DynamixelWorld, bad: float
+) -> None:
     world.reset(*STILL)
     world.torque(True)
     before = bus.state()["goal_writes"]
@@ -143,7 +147,9 @@ UNSEEN = {"silent servo", "corrupted packets", "delay", "power loss", "cable pul
 
 
 @pytest.mark.parametrize("kind", FAULTS)
-def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(bus: ServoBus, world: DynamixelWorld, kind: str) -> None:
+def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(
+    bus: EmulatedBus, world: DynamixelWorld, kind: str
+) -> None:
     world.reset(*STILL)
     world.torque(True)
     bus.inject(kind, 0.1)
@@ -167,7 +173,7 @@ def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(bus: ServoBus, wor
     assert seen["watchdog"].count(255) == (24 - off)
 
 
-def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(bus: ServoBus, world: DynamixelWorld) -> None:
+def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(bus: EmulatedBus, world: DynamixelWorld) -> None:
     world.reset(*STILL)
     world.torque(True)
     before = world.bus.retried
@@ -178,7 +184,7 @@ def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(bus: ServoBus, 
     assert world.armed
 
 
-def test_a_host_that_paused_finds_its_servos_stopped(bus: ServoBus, world: DynamixelWorld) -> None:
+def test_a_host_that_paused_finds_its_servos_stopped(bus: EmulatedBus, world: DynamixelWorld) -> None:
     world.reset(*STILL)
     world.torque(True)
     for k in range(10):
@@ -225,7 +231,7 @@ def test_a_host_killed_without_a_word_leaves_servos_that_stop_by_themselves(tmp_
 
 
 def test_relaxing_switches_every_torque_off_and_names_whom_it_cannot_reach(
-    world: DynamixelWorld, bus: ServoBus
+    world: DynamixelWorld, bus: EmulatedBus
 ) -> None:
     world.reset(*STILL)
     world.torque(True)
@@ -239,7 +245,7 @@ def test_relaxing_switches_every_torque_off_and_names_whom_it_cannot_reach(
     assert bus.state()["torque"].count(True) == 1
 
 
-def test_settings_that_differ_are_not_written_while_the_torque_is_on(bus: ServoBus) -> None:
+def test_settings_that_differ_are_not_written_while_the_torque_is_on(bus: EmulatedBus) -> None:
     with DynamixelWorld(ROBOT, mirrored(bus.path)) as world:
         world.reset(*STILL)
         world.torque(True)
@@ -249,7 +255,7 @@ def test_settings_that_differ_are_not_written_while_the_torque_is_on(bus: ServoB
     assert all(bus.state()["torque"])
 
 
-def test_a_port_has_one_owner_and_must_be_one(bus: ServoBus, world: DynamixelWorld, tmp_path: Path) -> None:
+def test_a_port_has_one_owner_and_must_be_one(bus: EmulatedBus, world: DynamixelWorld, tmp_path: Path) -> None:
     world.reset(*STILL)
     for port, why in {
         bus.path: "expected a free port, somebody else has it open",
@@ -264,7 +270,7 @@ def test_a_port_has_one_owner_and_must_be_one(bus: ServoBus, world: DynamixelWor
         DynamixelWorld(ROBOT, mirrored(str(tmp_path / "file"))).reset(*STILL)
 
 
-def test_wrong_servos_are_refused_before_any_motion(bus: ServoBus) -> None:
+def test_wrong_servos_are_refused_before_any_motion(bus: EmulatedBus) -> None:
     right = mirrored(bus.path)
     lower = replace(right.joints["LF_hip"], lower_rad=0.9, rest_rad=None)
     deaf = replace(right, baud=115200, latency_ms=2.0)  # nobody answers, however long it waits
@@ -283,7 +289,7 @@ def test_wrong_servos_are_refused_before_any_motion(bus: ServoBus) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_joint_calibrated_wrong_is_named_before_any_motion(bus: ServoBus, seed: int) -> None:
+def test_a_joint_calibrated_wrong_is_named_before_any_motion(bus: EmulatedBus, seed: int) -> None:
     calibration, joint = spoiled(mirrored(bus.path), np.random.default_rng(seed))
     with DynamixelWorld(ROBOT, calibration) as world, pytest.raises(InvalidInput, match=rf"\({joint}\): expected"):
         world.reset(*STILL)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.worlds.dynamixel.calibration import Calibration, JointServo, Turning, nominal
+from stancekit.runner.worlds.dynamixel.calibration import Calibration, JointServo, ServoTicks, nominal
 
 JOINTS = joint_names(hexapod())
 
@@ -104,7 +104,7 @@ def test_a_calibration_comes_back_from_its_file_as_it_was(tmp_path: Path) -> Non
 @given(st.integers(1, 4094), st.sampled_from([-1, 1]), st.floats(-1.0, 1.0))
 def test_an_angle_comes_back_from_its_tick_within_half_a_tick(zero: int, direction: int, angle: float) -> None:
     servo = JointServo(id=1, zero_tick=zero, direction=direction, lower_rad=-0.001, upper_rad=0.001, current_a=1.0)
-    turning = Turning([servo])
+    turning = ServoTicks([servo])
     ticks = turning.ticks(np.array([angle]))
     assert np.sign(ticks[0] - zero) in (0, direction * np.sign(angle))
     assert abs(turning.angles(ticks)[0] - angle) <= np.pi / 4096 + 1e-12

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 sdk = pytest.importorskip("dynamixel_sdk")
 
 from stancekit.runner.emulators import protocol2 as p2  # noqa: E402
-from stancekit.runner.emulators.servo_bus import ServoBus  # noqa: E402
+from stancekit.runner.emulators.servo_bus import EmulatedBus  # noqa: E402
 from stancekit.runner.emulators.servos import LOOP_HZ, OVERLOAD, PHYSICS_S, TRIPPED, Servos  # noqa: E402
 
 PACKETS = {
@@ -71,8 +71,8 @@ def test_what_was_stuffed_comes_out_whole_in_whatever_pieces_it_came(data: list[
 
 
 @pytest.fixture(scope="module")
-def bus() -> Iterator[ServoBus]:
-    with ServoBus(range(1, 5), [0.1, -0.2, 0.3, -0.4], wire=False) as made:
+def bus() -> Iterator[EmulatedBus]:
+    with EmulatedBus(range(1, 5), [0.1, -0.2, 0.3, -0.4], wire=False) as made:
         yield made
 
 
@@ -85,7 +85,7 @@ def patience() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def port(bus: ServoBus) -> Iterator[Any]:
+def port(bus: EmulatedBus) -> Iterator[Any]:
     handler = sdk.PortHandler(bus.path)
     assert handler.setBaudRate(1000000)
     yield handler
@@ -121,7 +121,7 @@ def test_sync_reads_fast_or_not_agree_and_indirect_data_are_what_they_point_to(p
     assert packets.read4ByteTxRx(port, 3, 224) == (expected[1], 0, 0)
 
 
-def test_a_header_in_an_answer_reaches_the_sdk_but_one_that_the_sdk_sends_is_lost(bus: ServoBus, port: Any) -> None:
+def test_a_header_in_an_answer_reaches_the_sdk_but_one_that_the_sdk_sends_is_lost(bus: EmulatedBus, port: Any) -> None:
     offset = int.from_bytes(b"\xff\xff\xfd\xff", "little", signed=True)
     bus.servos._put(1, 20, offset)
     assert packets.read4ByteTxRx(port, 2, 20) == (offset & 0xFFFFFFFF, 0, 0)
@@ -149,7 +149,7 @@ def test_errors_are_those_of_the_protocol(port: Any) -> None:
     assert error(64, 1, 0) == 0
 
 
-def test_a_damaged_request_is_answered_by_a_crc_error(bus: ServoBus, port: Any) -> None:
+def test_a_damaged_request_is_answered_by_a_crc_error(bus: EmulatedBus, port: Any) -> None:
     broken = bytearray(p2.packet(1, p2.PING))
     broken[-1] ^= 1
     port.clearPort()
@@ -158,7 +158,7 @@ def test_a_damaged_request_is_answered_by_a_crc_error(bus: ServoBus, port: Any) 
     assert bytes(port.readPort(64)) == p2.status(1, p2.BAD_CRC)
 
 
-def test_a_servo_at_another_baud_rate_is_silent(bus: ServoBus) -> None:
+def test_a_servo_at_another_baud_rate_is_silent(bus: EmulatedBus) -> None:
     handler = sdk.PortHandler(bus.path)
     assert handler.setBaudRate(57600)
     assert packets.ping(handler, 1)[1] == sdk.COMM_RX_TIMEOUT

@@ -14,7 +14,7 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.emulators.servo_bus import FAULTS, ServoBus
+from stancekit.runner.emulators.servo_bus import FAULTS, EmulatedBus
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
@@ -32,18 +32,18 @@ def calibrated(port: str) -> Calibration:
 
 
 @pytest.fixture
-def bus() -> Iterator[ServoBus]:
-    with ServoBus(range(1, 25), START.tolist()) as made:
+def bus() -> Iterator[EmulatedBus]:
+    with EmulatedBus(range(1, 25), START.tolist()) as made:
         yield made
 
 
 @pytest.fixture
-def world(bus: ServoBus) -> Iterator[DynamixelWorld]:
+def world(bus: EmulatedBus) -> Iterator[DynamixelWorld]:
     with DynamixelWorld(ROBOT, calibrated(bus.path)) as made:
         yield made
 
 
-def happened(bus: ServoBus, fault: str) -> None:
+def happened(bus: EmulatedBus, fault: str) -> None:
     bus.inject(fault)
     while not bus.state()["happened"]:
         time.sleep(0.001)
@@ -69,7 +69,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("fault", REFUSED)
 def test_first_contact_names_what_is_wrong_and_nothing_moves(
-    bus: ServoBus, world: DynamixelWorld, fault: str
+    bus: EmulatedBus, world: DynamixelWorld, fault: str
 ) -> None:
     happened(bus, fault)
     with pytest.raises(InvalidInput, match=REFUSED[fault]) as refused:
@@ -92,7 +92,7 @@ TAKEN = (
 
 @pytest.mark.parametrize("fault", TAKEN)
 def test_what_is_odd_but_sound_is_taken_as_it_is(
-    bus: ServoBus, world: DynamixelWorld, fault: str
+    bus: EmulatedBus, world: DynamixelWorld, fault: str
 ) -> None:
     happened(bus, fault)
     state = world.reset(*STILL)
@@ -108,7 +108,7 @@ def test_what_is_odd_but_sound_is_taken_as_it_is(
 
 def test_servos_whose_firmware_lacks_fast_sync_read_are_read_one_after_the_other() -> None:
     with (
-        ServoBus(range(1, 25), START.tolist(), firmware=44) as bus,
+        EmulatedBus(range(1, 25), START.tolist(), firmware=44) as bus,
         DynamixelWorld(ROBOT, calibrated(bus.path)) as world,
     ):
         world.reset(*STILL)
@@ -119,7 +119,7 @@ def test_servos_whose_firmware_lacks_fast_sync_read_are_read_one_after_the_other
 def test_servos_with_other_ids_are_named() -> None:
     expected = r"of the calibration file, 1 to 24, found 31 to 54 at 1000000 baud$"
     with (
-        ServoBus(range(31, 55), START.tolist()) as bus,
+        EmulatedBus(range(31, 55), START.tolist()) as bus,
         DynamixelWorld(ROBOT, calibrated(bus.path)) as world,
         pytest.raises(InvalidInput, match=expected),
     ):
@@ -156,7 +156,7 @@ STOPPED = {
 
 @pytest.mark.parametrize("fault", STOPPED)
 def test_a_fault_on_the_way_stops_with_its_name_and_nothing_moves_after(
-    bus: ServoBus, world: DynamixelWorld, fault: str
+    bus: EmulatedBus, world: DynamixelWorld, fault: str
 ) -> None:
     world.reset(*STILL)
     world.torque(True)
@@ -176,7 +176,7 @@ def test_a_fault_on_the_way_stops_with_its_name_and_nothing_moves_after(
     np.testing.assert_allclose(seen["position_rad"], reported_rad, atol=2e-3)
 
 
-def test_faults_are_named_with_a_servo_and_a_time_or_refused(bus: ServoBus) -> None:
+def test_faults_are_named_with_a_servo_and_a_time_or_refused(bus: EmulatedBus) -> None:
     for wrong in ("silent", "silent servo 99", "silent servo in a while", ""):
         with pytest.raises(ValueError, match="expected"):
             bus.inject(wrong)

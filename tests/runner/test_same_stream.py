@@ -21,13 +21,13 @@ from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.command import command
-from stancekit.runner.emulators.servo_bus import ServoBus
+from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.dynamixel import port
-from stancekit.runner.worlds.dynamixel.calibration import Turning, nominal
+from stancekit.runner.worlds.dynamixel.calibration import ServoTicks, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
 from tests.emulators.memory_world import PATIENT
@@ -39,7 +39,7 @@ RATE_HZ = 50.0
 class Sent:
     """A log of commands that is looked at, and that loads servos as a robot would that stands as planned."""
 
-    def __init__(self, bus: ServoBus | None = None, stiffness_nm_rad: float = 0.0) -> None:
+    def __init__(self, bus: EmulatedBus | None = None, stiffness_nm_rad: float = 0.0) -> None:
         self.asked, self.sent, self.lean = list[Any](), list[Any](), list[Any]()
         self._bus, self._stiffness = bus, stiffness_nm_rad
 
@@ -80,7 +80,7 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
     world = make_world("mujoco", robot, rate_hz=RATE_HZ, actuators=SERVOS)
     report = Runner(world, settings=RunSettings(blind=True), log=simulated).run(accepted)
     assert report.succeeded, report.message
-    with ServoBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
+    with EmulatedBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
         calibration = nominal(world.joints, port=bus.path, watchdog_s=1.0)
         calibration = replace(
             calibration, latency_ms=200.0,  # as above
@@ -90,7 +90,7 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
         patient = RunSettings(limits=PATIENT)
         body = DynamixelWorld(robot, calibration, rate_hz=RATE_HZ)
         done = Runner(body, settings=patient, dry=False, log=real).run(accepted)
-        turning = Turning(calibration.ordered(world.joints))
+        turning = ServoTicks(calibration.ordered(world.joints))
     assert done.succeeded, done.message
     count = len(simulated.asked)
     assert np.array_equal(real.asked[-count:], simulated.asked)

@@ -26,7 +26,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Tracker
-from stancekit.runner.emulators.servo_bus import ServoBus
+from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.motion.time_parametrization import BLIND
 from stancekit.runner.prepared import Prepared
 from stancekit.runner.report import RunReport
@@ -46,17 +46,17 @@ FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
 ENDINGS = [("hold", "held", True), ("torque-off", "torque off", False)]
 
 
-def calibrated(bus: ServoBus) -> Calibration:
+def calibrated(bus: EmulatedBus) -> Calibration:
     return replace(nominal(joint_names(ROBOT), port=bus.path, watchdog_s=1.0), latency_ms=40.0)
 
 
 @pytest.fixture(scope="module")
-def bus() -> Iterator[ServoBus]:
-    with ServoBus(range(1, 25), START.tolist(), wire=False) as made:
+def bus() -> Iterator[EmulatedBus]:
+    with EmulatedBus(range(1, 25), START.tolist(), wire=False) as made:
         yield made
 
 
-def measured(bus: ServoBus) -> DynamixelWorld:
+def measured(bus: EmulatedBus) -> DynamixelWorld:
     """A world of its own on the bus, its torque off."""
     world = DynamixelWorld(ROBOT, calibrated(bus))
     world.reset((), START, np.zeros(3), np.eye(3))
@@ -80,7 +80,7 @@ class Writes:
         patch.setattr(PortHandler, "writePort", write)  # below ServoPort's: what it lets through comes here
 
 
-def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_follows(bus: ServoBus) -> None:
+def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_follows(bus: EmulatedBus) -> None:
     with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
         writes = Writes(patch)
         world.torque(True)
@@ -103,7 +103,7 @@ def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_f
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError, HardwareFault])
-def test_whatever_interrupts_an_arming_leaves_every_torque_off(bus: ServoBus, error: type[BaseException]) -> None:
+def test_whatever_interrupts_an_arming_leaves_every_torque_off(bus: EmulatedBus, error: type[BaseException]) -> None:
     def burst() -> None:
         raise error("a bug")
 
@@ -118,7 +118,7 @@ def test_whatever_interrupts_an_arming_leaves_every_torque_off(bus: ServoBus, er
             assert not world.armed
 
 
-def test_a_robot_that_was_held_is_held_on_where_its_arming_is_interrupted(bus: ServoBus) -> None:
+def test_a_robot_that_was_held_is_held_on_where_its_arming_is_interrupted(bus: EmulatedBus) -> None:
     with measured(bus) as world:
         world.torque(True)
         world.hold()
@@ -133,7 +133,7 @@ def test_a_robot_that_was_held_is_held_on_where_its_arming_is_interrupted(bus: S
         world.relax()
 
 
-def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(bus: ServoBus) -> None:
+def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(bus: EmulatedBus) -> None:
     with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
         world.torque(True)
         world.step(START)

@@ -20,7 +20,7 @@ from stancekit.views.camera import Camera
 from stancekit.views.film import check_film, rendered
 from stancekit.views.gaits import GaitView, motion_frames
 from stancekit.views.robots import cone
-from stancekit.views.scene import Animation, Arrow, Body, Facet, Scene
+from stancekit.views.scene import Animation, Arrow, DrawnBody, Facet, Scene
 from stancekit.views.shapes import Box, Capsule, Sphere, disc, hull, mesh_of, triangles_of
 from stancekit.views.video import write_video
 
@@ -154,7 +154,8 @@ def test_shapes_are_closed_look_outward_and_have_their_volume(shape, volume):
 def seen(*bodies, arrows=(), facets=()):
     """What a viewer 50 m before the x-z plane sees of ±1 m of it, 100 pixels wide, and where its window is."""
     corners = [
-        Body(name=f"corner {x}", shape=Sphere(1e-4), position_m=np.array([x, 0.0, x]), colour="white") for x in (-1, 1)
+        DrawnBody(name=f"corner {x}", shape=Sphere(1e-4), position_m=np.array([x, 0.0, x]), colour="white")
+        for x in (-1, 1)
     ]
     motion = Animation(
         fixed=Scene(facets=facets), moments=[Scene(bodies=[*corners, *bodies], arrows=arrows)], step_s=1.0, title="",
@@ -187,7 +188,7 @@ BODIES = [
 @pytest.mark.usefixtures("gl")
 @pytest.mark.parametrize(("shape", "across", "up"), BODIES, ids=["box", "sphere", "capsule", "mesh"])
 def test_bodies_are_where_the_scene_has_them(shape, across, up):
-    body = Body(name="a", shape=shape, position_m=np.array([0.3, 0.0, -0.2]), colour="red")
+    body = DrawnBody(name="a", shape=shape, position_m=np.array([0.3, 0.0, -0.2]), colour="red")
     found = extent("red", *seen(body))
     assert found == pytest.approx((0.3 - across, 0.3 + across, -0.2 - up, -0.2 + up), abs=0.03)  # a pixel is 24 mm
     turned = replace(body, rotation=np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
@@ -208,7 +209,7 @@ def test_an_arrow_runs_from_its_start_as_far_as_its_vector():
 @pytest.mark.usefixtures("gl")
 def test_what_is_nearer_hides_what_is_farther_in_either_order():
     near, far = (
-        Body(name=colour, shape=PLATE, position_m=np.array([0.0, y, 0.0]), colour=colour)
+        DrawnBody(name=colour, shape=PLATE, position_m=np.array([0.0, y, 0.0]), colour=colour)
         for y, colour in ((-0.5, "red"), (0.5, "blue"))
     )
     first, again = seen(near, far)[0], seen(far, near)[0]
@@ -219,7 +220,7 @@ def test_what_is_nearer_hides_what_is_farther_in_either_order():
 @pytest.mark.usefixtures("gl")
 def test_terrain_is_solid_behind_the_robot_and_glass_before_it():
     square = np.array([(-0.4, 0.0, -0.4), (0.4, 0.0, -0.4), (0.4, 0.0, 0.4), (-0.4, 0.0, 0.4)])
-    robot = Body(name="a", shape=Sphere(0.2), position_m=np.zeros(3), colour="red")
+    robot = DrawnBody(name="a", shape=Sphere(0.2), position_m=np.zeros(3), colour="red")
     for y, sign, blue in ((1.0, -1.0, True), (-1.0, 1.0, False)):  # turned to the viewer behind, and away before
         wall = Facet(corners_m=square + np.array([0.0, y, 0.0]), normal=np.array([0.0, sign, 0.0]), colour="blue")
         pixels = seen(robot, facets=[wall])[0]

@@ -16,7 +16,7 @@ from stancekit.views.film import rendered
 from stancekit.views.gaits import GaitView, draw_motion
 from stancekit.views.links import Links
 from stancekit.views.page import page
-from stancekit.views.scene import Body
+from stancekit.views.scene import DrawnBody
 from stancekit.views.shapes import Capsule, Mesh, mesh_of
 from stancekit.views.sheet import to_rgb
 from tests.planners.motion.test_walk_joints import leaning
@@ -41,12 +41,12 @@ def bent(model: RobotModel) -> list[np.ndarray]:
     return [leg.random_angles(1, rng)[0] for leg in model.legs]
 
 
-def by_name(bodies: list[Body]) -> dict[str, Body]:
+def by_name(bodies: list[DrawnBody]) -> dict[str, DrawnBody]:
     assert len({body.name for body in bodies}) == len(bodies)
     return {body.name: body for body in bodies}
 
 
-def points(body: Body) -> np.ndarray:
+def points(body: DrawnBody) -> np.ndarray:
     return mesh_of(body.shape)[0] @ body.rotation.T + body.position_m
 
 

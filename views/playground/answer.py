@@ -74,7 +74,9 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
     return _answer(outcome, course, (laid - begin, time.process_time() - laid), patient=True)
 
 
-def _answer(outcome: Answer[Plan], asked: Course, seconds: tuple[float, float], *, patient: bool = False) -> SceneAnswer:
+def _answer(
+    outcome: Answer[Plan], asked: Course, seconds: tuple[float, float], *, patient: bool = False
+) -> SceneAnswer:
     """The answer that an outcome is. asked: the scene's own course, where the outcome is not of a problem."""
     message, report = outcome.message, outcome.report
     if outcome.certificate is not None and outcome.problem is not None:
@@ -85,6 +87,12 @@ def _answer(outcome: Answer[Plan], asked: Course, seconds: tuple[float, float], 
         message = report.message + (f"; {report.failures}" if report.failures else "")
     share = 1.0 if outcome.solution is None else float(outcome.solution.provenance.get("friction_share", 1.0))
     return SceneAnswer(
-        course=outcome.problem if isinstance(outcome.problem, Course) else asked, status=outcome.status, plan=outcome.solution, message=message, report=report,
-        patient=patient, share=share, seconds=seconds,
-    )  # fmt: skip
+        course=outcome.problem if isinstance(outcome.problem, Course) else asked,
+        status=outcome.status,
+        plan=outcome.solution,
+        message=message,
+        report=report,
+        patient=patient,
+        share=share,
+        seconds=seconds,
+    )

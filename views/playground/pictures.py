@@ -16,7 +16,7 @@ from stancekit.planners.robot.model import Robot
 
 from ..plans import GOAL, PlanView, ghosts
 from ..robots import RobotShape, climber
-from ..scene import Body, Label, Path, Scene
+from ..scene import DrawnBody, Label, Path, Scene
 from ..shapes import Sphere, dashed
 from ..sheet import ACCENT, INK, friction_colours
 from ..terrain import surfaces
@@ -60,8 +60,8 @@ class Pictures:
         com, size = course.com_nominal_m, 0.02 * self.shape(course.robot).size_m
         line = dashed(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(com)] or [com]))
         marks = [
-            Body(name=f"asked {k}", shape=Sphere(size), position_m=at, colour=ACCENT) for k, at in enumerate(com)
-        ] + [Body(name="goal", shape=Sphere(3.0 * size), position_m=course.goal_m, colour=GOAL)]
+            DrawnBody(name=f"asked {k}", shape=Sphere(size), position_m=at, colour=ACCENT) for k, at in enumerate(com)
+        ] + [DrawnBody(name="goal", shape=Sphere(3.0 * size), position_m=course.goal_m, colour=GOAL)]
         words = Label(name="asked", position_m=com[0], text="asked for: no plan", colour=ACCENT)
         return Scene(paths=[Path(pieces_m=line, colour=ACCENT, width=2.0)], bodies=marks, labels=[words])
 

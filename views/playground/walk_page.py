@@ -16,7 +16,7 @@ from stancekit.planners.motion.feet_motion import feet_motion
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..plans import GOAL
-from ..scene import Body, Label, Scene
+from ..scene import DrawnBody, Label, Scene
 from ..scene import Path as Line
 from ..shapes import Sphere
 from ..sheet import INK, leg_colour
@@ -172,7 +172,9 @@ class WalkPage:
         line = np.linspace(scenario.start_m, scenario.goal_m, 81)
         low, high = np.array(scenario.terrain.domain_m).T
         laid = on_ground(np.column_stack([line, 0.0 * line[:, :1]]), scenario.terrain, low, high)
-        ball = Body(name="goal", shape=Sphere(0.06 * size), position_m=scenario.torso_m(scenario.goal_m), colour=GOAL)
+        ball = DrawnBody(
+            name="goal", shape=Sphere(0.06 * size), position_m=scenario.torso_m(scenario.goal_m), colour=GOAL
+        )
         return Scene(paths=[Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)], bodies=[ball])
 
     def _pose(self) -> None:

@@ -10,7 +10,7 @@ from ...warp.spline_map import SplineMap
 from .shear import Shear
 
 
-class Decoupled(Shear):
+class DecoupledChart(Shear):
     """Feet as in the shear; the torso over the terrain under a Gaussian of deviation smoothing_m [m]."""
 
     @classmethod

@@ -13,7 +13,7 @@ import casadi as cs
 import numpy as np
 
 from ...files.arrays import Array
-from ..method.guess import Walk
+from ..method.guess import GuessedWalk
 from ..transcription.blocks import Block, Constraint, Rows, VariableGroup
 from ..transcription.taylor import ExpansionPoint, TaylorMap
 from ..variables.structure import Structure
@@ -73,7 +73,7 @@ def near(structure: Structure, points: Array) -> tuple[Rows, Rows]:
     """Nodes and points, each of shape (K,), at which the guess's lower face, and the plane that it goes on as within
     AROUND_M, comes nearer than NEAR_M to the ground, or a little more on slopes; of these every other one, as on a
     chessboard, since neighbours in time and place know nearly the same."""
-    p, rotation = Walk(structure).torso(structure.times_s)
+    p, rotation = GuessedWalk(structure).torso(structure.times_s)
     face = p[:, None] + np.einsum("kij,nj->kni", rotation, points)
     turns = np.arange(8) * np.pi / 4.0
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=1)

@@ -24,7 +24,7 @@ LOADING_S = 0.1
 def terrain_following(structure: Structure) -> Array:
     """A decision vector: torso at stand height over the smoothed terrain along a straight line, feet beneath it,
     the weight shared by the feet that stand. Shape (size,)."""
-    x, walk = np.zeros(structure.layout.size), Walk(structure)
+    x, walk = np.zeros(structure.layout.size), GuessedWalk(structure)
     x[structure.layout.torso] = walk.torso_bar(structure.layout.torso_times_s)
     return _with_feet(x, structure, walk, walk.footholds)
 
@@ -35,7 +35,7 @@ def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
     Time runs along the key frames as it runs along the path of the terrain-following guess, whose swings and forces it
     has. Raises InvalidInput for a robot with other feet.
     """
-    task, names, walk = structure.task, structure.task.robot.foot_names, Walk(structure)
+    task, names, walk = structure.task, structure.task.robot.foot_names, GuessedWalk(structure)
     if set(names) != set(frames.limbs):
         raise InvalidInput(f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}")
     def footholds(number: int) -> Array:
@@ -52,7 +52,7 @@ def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
     return _with_feet(x, structure, walk, footholds)
 
 
-def _with_feet(x: Array, structure: Structure, walk: Walk, footholds: Callable[[int], Array]) -> Array:
+def _with_feet(x: Array, structure: Structure, walk: GuessedWalk, footholds: Callable[[int], Array]) -> Array:
     """The vector with the feet on footholds, by foot of shape (S + 1, 3) [m], and a walk's swings and forces."""
     for number, foot in enumerate(structure.layout.feet):
         stood = footholds(number)
@@ -74,7 +74,7 @@ def perturbed(x: Array, rng: np.random.Generator, structure: Structure, size: fl
     return moved
 
 
-class Walk:
+class GuessedWalk:
     """The walk that the guess describes, in world quantities."""
 
     def __init__(self, structure: Structure) -> None:

@@ -22,7 +22,7 @@ from ...terrain.heightfield import HeightField
 from ..charts import CHARTS
 from ..gait_program import GaitProgram, GaitSolution
 from .attempt import Attempt, Homotopy, Workbench
-from .smoothing import Solve
+from .smoothing import Solver
 
 GENTLE = 1.0
 """Gradient that needs no homotopy: 45°."""
@@ -91,7 +91,7 @@ def follow_homotopy(
     guess: Array | None = None,
     *,
     stage: int = 0,
-    solve: Solve = GaitProgram.solve,
+    solve: Solver = GaitProgram.solve,
     max_iterations: int | None = None,
     most_stages: int = 12,
     stop: Callable[[], bool] = lambda: False,

@@ -18,7 +18,7 @@ from ...verify.trajectories import check_trajectory
 from ..gait_program import Costs, GaitProgram, GaitSolution, SolveOptions
 
 
-class Solve(Protocol):
+class Solver(Protocol):
     """What solves a program from a guess, here or elsewhere."""
 
     def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
@@ -79,7 +79,7 @@ def smoothed(
     start: GaitSolution,
     settings: Smoothing | None = None,
     *,
-    solve: Solve = GaitProgram.solve,
+    solve: Solver = GaitProgram.solve,
     stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[Round]:
     """Rounds from a feasible solution on, each from the last that ended feasible.

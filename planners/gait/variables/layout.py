@@ -39,7 +39,7 @@ class FootEntries:
     switches: Index
 
 
-class Layout:
+class GaitLayout:
     """Places in the decision vector c (W1, W7), and sparse rows of the splines in it."""
 
     def __init__(
@@ -62,7 +62,7 @@ class Layout:
         """Number of variables."""
         return self._size
 
-    def timed(self, x: Array) -> Layout:
+    def timed(self, x: Array) -> GaitLayout:
         """The same places with the switching times that a decision vector holds, where they are variables."""
         if not any(len(foot.switches) for foot in self.feet):
             return self

@@ -10,7 +10,7 @@ from ...files.arrays import Array
 from ..charts.chart import Chart
 from ..task import GaitSettings, GaitTask
 from ..transcription.blocks import Rows, Selection, VariableGroup
-from .layout import Index, Layout
+from .layout import GaitLayout, Index
 from .timing import FootGroup, entry_group, moving_groups, scheduled_groups
 
 
@@ -26,7 +26,7 @@ class Structure:
             )
         self.mean_s = settings.step_s if settings.mean_forces else 0.0
         self.times_s: Array = np.asarray(settings.step_s * np.arange(steps + 1), dtype=np.float64)
-        self.layout = Layout(
+        self.layout = GaitLayout(
             task.phases(settings.step_s),
             task.duration_s,
             torso_knot_s=settings.torso_knot_s,

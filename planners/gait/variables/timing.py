@@ -18,7 +18,7 @@ from scipy.sparse import csr_array, vstack
 from ...files.arrays import Array
 from ..transcription.blocks import Features, Rows, Selection, VariableGroup, identity
 from ..transcription.taylor import TaylorMap
-from .layout import NOTHING, FootEntries, Index, Layout
+from .layout import NOTHING, FootEntries, GaitLayout, Index
 from .splines import clamped_symbolic, hermite
 
 _Key = tuple[tuple[str, int], ...]
@@ -50,7 +50,7 @@ class FootGroup:
 
 
 def scheduled_groups(
-    layout: Layout, times_s: Array, foot_map: TaylorMap | None, step_s: float = 0.0
+    layout: GaitLayout, times_s: Array, foot_map: TaylorMap | None, step_s: float = 0.0
 ) -> tuple[FootGroup, ...]:
     """All feet at all nodes by the schedule's phases: those that stand, then those that swing.
 
@@ -82,7 +82,7 @@ def scheduled_groups(
     return tuple(groups)
 
 
-def _mean_rows(layout: Layout, foot: int, times_s: Array, step_s: float) -> csr_array:
+def _mean_rows(layout: GaitLayout, foot: int, times_s: Array, step_s: float) -> csr_array:
     """Rows of f̄_i, the mean about each time where step_s is above 0; before the start and after the end it stays."""
     if step_s == 0.0:
         return layout.force_rows(foot, times_s)
@@ -97,7 +97,7 @@ def on_ground(v: cs.SX, constants: cs.SX) -> cs.SX:
     return cs.vertcat(v[:2], 0.0, v[2:5])
 
 
-def entry_group(layout: Layout, name: str, entries: Index, entry_map: TaylorMap | None = None) -> VariableGroup:
+def entry_group(layout: GaitLayout, name: str, entries: Index, entry_map: TaylorMap | None = None) -> VariableGroup:
     """Entries of the decision vector as features, shape (K, width); columns that are NOTHING throughout are 0."""
     used = [k for k in range(entries.shape[1]) if np.any(entries[:, k] != NOTHING)]
     width = entries.shape[1]
@@ -111,7 +111,9 @@ def entry_group(layout: Layout, name: str, entries: Index, entry_map: TaylorMap 
     return VariableGroup(name, layout.entry_rows(entries[:, used]), len(used), entry_map, spread)
 
 
-def moving_groups(layout: Layout, times_s: Array, foot_map: TaylorMap | None, slack_s: float) -> tuple[FootGroup, ...]:
+def moving_groups(
+    layout: GaitLayout, times_s: Array, foot_map: TaylorMap | None, slack_s: float
+) -> tuple[FootGroup, ...]:
     """All feet at all nodes, grouped by the phases that they may be in where switching times may move by slack_s."""
     found: dict[_Key, list[tuple[int, int, Index]]] = {}
     for foot, entries in enumerate(layout.feet):

@@ -14,7 +14,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import JOINTS, Servo
 
 from ..setup_file import SetupFile, own
-from .control_table import CENTRE_TICK, LATENCY_MS, MODELS, P_GAIN, RAD, TICKS, WATCHDOG_S, Model
+from .control_table import CENTRE_TICK, LATENCY_MS, MODELS, P_GAIN, RAD, TICKS, WATCHDOG_S, ServoModel
 
 FORMAT: Literal["stancekit/servos/1"] = "stancekit/servos/1"
 Baud = Literal[57600, 115200, 1000000, 2000000, 3000000, 4000000]
@@ -84,7 +84,7 @@ class Calibration(SetupFile):
             raise InvalidInput("; ".join(wrong))
 
     @property
-    def kind(self) -> Model:
+    def kind(self) -> ServoModel:
         """The servos' model."""
         return MODELS[self.model]
 
@@ -119,7 +119,7 @@ def nominal(joints: Sequence[str], servo: Servo = Servo(), *, port: str, **setti
     )  # fmt: skip
 
 
-class Turning:
+class ServoTicks:
     """Between joint angles [rad] and ticks, for joints in one order; J joints."""
 
     def __init__(self, servos: Sequence[JointServo]) -> None:

@@ -77,7 +77,7 @@ ERRORS = {0x01: "input voltage", 0x04: "overheating", 0x08: "motor encoder", 0x1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Model:
+class ServoModel:
     """One servo of the series, whose torques and speeds ``builtin_actuators`` has.
 
     current_a: greatest Current Limit. stall_a: at stall torque, at 12 V.
@@ -97,8 +97,8 @@ class Model:
 MODELS = {
     model.name: model
     for model in (
-        Model(name="XM430-W350", number=1020, current_a=1193 * AMPERE, stall_a=2.3),
-        Model(name="XM540-W270", number=1120, current_a=2047 * AMPERE, stall_a=4.4),
+        ServoModel(name="XM430-W350", number=1020, current_a=1193 * AMPERE, stall_a=2.3),
+        ServoModel(name="XM540-W270", number=1120, current_a=2047 * AMPERE, stall_a=4.4),
     )
 }
 

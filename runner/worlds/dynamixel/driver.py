@@ -29,7 +29,7 @@ from ..settings import WorldSettings
 from ..world import State, Terrain
 from . import control_table as table
 from .bus import ServoBus, signed, unsigned
-from .calibration import Calibration, Turning
+from .calibration import Calibration, ServoTicks
 from .diagnosis import blame
 from .judge import Doubt, MeasurementJudge
 from .setup import check_servos, configure
@@ -77,7 +77,7 @@ class DynamixelWorld(HardwareWorld):
         self.calibration = calibration
         calibration.check(self.joints)
         self._servos = calibration.ordered(self.joints)
-        self._turning, self._kind = Turning(self._servos), calibration.kind
+        self._turning, self._kind = ServoTicks(self._servos), calibration.kind
         self._current = np.array([round(each.current_a / table.AMPERE) for each in self._servos])
         ids = [each.id for each in self._servos]
         self.bus = ServoBus(

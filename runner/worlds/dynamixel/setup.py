@@ -15,7 +15,7 @@ ROUNDS = 3
 """How often a setting that did not arrive is written."""
 
 
-def check_servos(bus: ServoBus, model: table.Model) -> None:
+def check_servos(bus: ServoBus, model: table.ServoModel) -> None:
     """All are there, of this model, with a bus watchdog; the bus reads fast if all can.
 
     Servos are told to answer reads and writes (Status Return Level 2), before anything is read. Raises HardwareFault

@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.envs.distributions.cut import CutDistribution, Places
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, composed, distribution
-from stancekit.envs.distributions.stance import PAPER_LEGS, Law, Standing, paper_stance
+from stancekit.envs.distributions.stance import PAPER_LEGS, Law, StandingRobot, paper_stance
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -61,7 +61,7 @@ def centres(problem: PostureProblem) -> np.ndarray:
 def test_the_default_hexapod_by_its_name_has_the_papers_classes_as_they_were() -> None:
     for name, source in DISTRIBUTIONS.items():
         assert distribution(name, robot="hexapod") is source
-        standing = Standing.of(None)
+        standing = StandingRobot.of(None)
         again = composed(name, source.terrain, standing, standing.legs(len(source.legs), name), source.friction, None)
         one, other = (each.batch(np.random.default_rng(3), 50) for each in (source, again))
         assert again.name == name
@@ -73,7 +73,7 @@ def test_the_default_hexapod_by_its_name_has_the_papers_classes_as_they_were() -
 def test_on_the_ground_patches_are_about_the_toes_of_the_robot_as_it_stands(dog: str) -> None:
     model, source = named_robot(dog), distribution("ground-4", robot=dog)
     assert source.name == f"ground-4-of-{model.identity}"
-    size = Standing.of(dog).reach_m / 0.35
+    size = StandingRobot.of(dog).reach_m / 0.35
     problems = drawn("ground-4", robot=dog)
     off = np.array([centres(problem) for problem in problems]) - standing_toes(model)
     assert np.all(np.abs(off) <= size * np.array([0.2, 0.2, 0.1]) + 1e-12)
@@ -82,7 +82,7 @@ def test_on_the_ground_patches_are_about_the_toes_of_the_robot_as_it_stands(dog:
 
 
 def test_scenes_carry_the_robots_own_legs_mass_and_name(dog: str) -> None:
-    model, own = named_robot(dog), Standing.of(dog).robot
+    model, own = named_robot(dog), StandingRobot.of(dog).robot
     (problem,) = drawn("wall-3", 1, robot=dog)
     assert (problem.robot, problem.mass_kg, problem.tilt_limit_rad) == (model.identity, model.body.mass_kg, 0.0)
     for contact, limb in zip(problem.contacts, own.select(problem.legs), strict=True):
@@ -101,7 +101,7 @@ def test_the_walls_are_as_far_to_either_side_and_within_the_legs_own_reach(dog: 
     away = side * stance.centre_m[:, 1]
     np.testing.assert_allclose(away, away[0])
     np.testing.assert_array_equal(stance.normal, np.outer(-side, [0.0, 1.0, 0.0]))
-    for limb, centre in zip(Standing.of(dog).robot.limbs, stance.centre_m, strict=True):
+    for limb, centre in zip(StandingRobot.of(dog).robot.limbs, stance.centre_m, strict=True):
         assert limb.reach_rows is not None
         thick = np.abs(stance.room_m[:, 1]).max()
         assert np.max(limb.reach_rows.normals @ centre - limb.reach_rows.bounds_m) < thick
@@ -109,17 +109,17 @@ def test_the_walls_are_as_far_to_either_side_and_within_the_legs_own_reach(dog: 
 
 def test_a_robot_of_any_size_and_weight_sees_the_same_scenes(dog: str) -> None:
     """What policies see and boxes are of is non-dimensional: it stays where all lengths and the mass are others."""
-    small = Standing.of(dog)
+    small = StandingRobot.of(dog)
 
     def limb(one: Limb, k: float) -> Limb:
         assert one.reach_rows is not None
         rows = ReachRows(normals=one.reach_rows.normals, bounds_m=k * one.reach_rows.bounds_m)
         return Limb(name=one.name, shoulder_m=k * one.shoulder_m, reach_m=k * one.reach_m, reach_rows=rows)
 
-    def sized(k: float) -> Standing:
+    def sized(k: float) -> StandingRobot:
         limbs = tuple(limb(one, k) for one in small.robot.limbs)
         body = Robot(name="giant", mass_kg=k**3 * small.robot.mass_kg, limbs=limbs, identity="giant-0")
-        return Standing(robot=body, toes_m=k * small.toes_m, reach_m=k * small.reach_m)
+        return StandingRobot(robot=body, toes_m=k * small.toes_m, reach_m=k * small.reach_m)
 
     laws: tuple[Law, ...] = ("ground", "wall")
     for law in laws:
@@ -136,10 +136,10 @@ def test_a_robot_of_any_size_and_weight_sees_the_same_scenes(dog: str) -> None:
 def test_so_many_legs_are_those_that_hold_the_centre_of_mass_best() -> None:
     toes = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-2.0, 0.1, 0.0], [0.1, 0.1, 0.0]])
     limbs = tuple(Limb(name=name, shoulder_m=np.zeros(3), reach_m=1.0) for name in "abcd")
-    standing = Standing(robot=Robot(name="four", mass_kg=1.0, limbs=limbs), toes_m=toes, reach_m=1.0)
+    standing = StandingRobot(robot=Robot(name="four", mass_kg=1.0, limbs=limbs), toes_m=toes, reach_m=1.0)
     assert standing.legs(3, "ground-3") == ("a", "b", "c")
     assert standing.legs(4, "ground-4") == ("a", "b", "c", "d")
-    default = Standing.of(None)
+    default = StandingRobot.of(None)
     assert {count: default.legs(count, "") for count in PAPER_LEGS} == PAPER_LEGS
     assert len(distribution("ground-6").sample(np.random.default_rng(0)).contacts) == 6
     np.testing.assert_array_equal(default.toes_m, paper_stance(hexapod().limbs, "ground").centre_m)
@@ -154,7 +154,7 @@ def test_scenes_of_flat_ground_have_all_patches_at_one_height_below_the_body(dog
         heights = np.concatenate([contact.patch.vertices_m[:, 2] for contact in problem.contacts])
         np.testing.assert_allclose(heights, toes[:, 2].mean(), atol=1e-12)
         off = (centres(problem) - toes)[:, :2]
-        assert np.all(np.abs(off) <= 0.2 * Standing.of(dog).reach_m / 0.35 + 1e-9)
+        assert np.all(np.abs(off) <= 0.2 * StandingRobot.of(dog).reach_m / 0.35 + 1e-9)
 
 
 @pytest.mark.parametrize("file", ["slope.obj", "slope.npy"])

@@ -9,7 +9,7 @@ import pytest
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.envs.scenes import ListedScenes, Scene
+from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.executor import processes
 from stancekit.learners.data.labelling import label
@@ -31,7 +31,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def scenes(dataset: Dataset) -> list[Scene]:
+def scenes(dataset: Dataset) -> list[LabelledScene]:
     return scenes_of(dataset)
 
 
@@ -41,7 +41,7 @@ def envelopes(dataset: Dataset) -> EnvelopeSet:
 
 
 def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
-    scenes: list[Scene], envelopes: EnvelopeSet, programs: Programs
+    scenes: list[LabelledScene], envelopes: EnvelopeSet, programs: Programs
 ) -> None:
     score = evaluate(
         "quantile", Learned.fixed("quantile", envelopes), scenes, problem_class="wall-3", projections=("fix-toes",)
@@ -59,7 +59,7 @@ def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
 
 
 def test_any_number_of_processes_gives_the_same_shares(
-    scenes: list[Scene], envelopes: EnvelopeSet, monkeypatch: pytest.MonkeyPatch
+    scenes: list[LabelledScene], envelopes: EnvelopeSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "CHUNK", 7)
     selector = Learned.fixed("quantile", envelopes)
@@ -76,7 +76,7 @@ def test_any_number_of_processes_gives_the_same_shares(
     assert message == [(7, 24), (14, 24), (21, 24), (24, 24)] * 2
 
 
-def test_stable_baselines3_comes_to_the_same_mean_reward(scenes: list[Scene], envelopes: EnvelopeSet) -> None:
+def test_stable_baselines3_comes_to_the_same_mean_reward(scenes: list[LabelledScene], envelopes: EnvelopeSet) -> None:
     evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
     monitor = pytest.importorskip("stable_baselines3.common.monitor")
     selector = FixedSelector("quantile", envelopes)
@@ -88,7 +88,7 @@ def test_stable_baselines3_comes_to_the_same_mean_reward(scenes: list[Scene], en
         assert info["reward"] == pytest.approx(sum(v for k, v in info.items() if k.startswith("reward_")))
 
 
-def test_the_lift_admits_every_feasible_posture(scenes: list[Scene]) -> None:
+def test_the_lift_admits_every_feasible_posture(scenes: list[LabelledScene]) -> None:
     score = evaluate_lift(scenes, projections=("scp",))
     assert score.p1_feasible == Share(hits=14, of=14)
     assert score.projected["scp"] == Share(hits=14, of=14)
@@ -114,7 +114,9 @@ def test_the_papers_rows_stand_beside_the_methods_they_printed() -> None:
     assert paper_row("moon", "ga") is None
 
 
-def test_a_data_set_without_trivial_or_undecided_rows_is_played_whole(dataset: Dataset, scenes: list[Scene]) -> None:
+def test_a_data_set_without_trivial_or_undecided_rows_is_played_whole(
+    dataset: Dataset, scenes: list[LabelledScene]
+) -> None:
     assert len(scenes) == len(dataset) == 24
     assert sum(scene.feasible for scene in scenes) == 14
     assert all(scene.lower_bound > 0.0 for scene in scenes if not scene.feasible)

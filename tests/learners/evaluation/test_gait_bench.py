@@ -11,8 +11,8 @@ from stancekit.learners.evaluation import gait_bench
 from stancekit.learners.evaluation.gait_bench import (
     METHODS,
     PAPER,
-    Cell,
     GaitBenchSettings,
+    GaitCell,
     cells,
     gait_task,
     kept,
@@ -170,7 +170,7 @@ def test_a_terrain_without_a_map_is_a_failure_that_says_why(tmp_path, monkeypatc
         raise PlanningFailed("the map folds")
 
     monkeypatch.setattr(gait_bench, "_map", folds)
-    found = gait_bench.measure(Cell("pit-87", 0, 0, "warped"), GaitBenchSettings(), tmp_path)
+    found = gait_bench.measure(GaitCell("pit-87", 0, 0, "warped"), GaitBenchSettings(), tmp_path)
     assert found == {"success": False, "verified": False, "status": "the map folds", "message": "the map folds"}
 
 

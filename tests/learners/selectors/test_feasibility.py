@@ -10,8 +10,8 @@ from scipy.optimize import linprog
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.executor import processes
-from stancekit.learners.selectors.dual_bounds import BAND, Bounds, balanced, least, ranges, witnessed
-from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle, SpreadOracle
+from stancekit.learners.selectors.dual_bounds import BAND, DualBounds, balanced, least, ranges, witnessed
+from stancekit.learners.selectors.feasibility import CachingOracle, SolvingOracle, SpreadOracle, VerdictCounts
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import PostureProblem
@@ -93,7 +93,7 @@ def test_certificates_and_witnesses_hold_at_other_boxes(programs: Programs, limi
     source, rng = distribution("wall-3"), np.random.default_rng(5)
     problems = [Scaled.of(limit(source.sample(rng))) for _ in range(40)]
     boxes = boxes_about(problems, "wall", 8, 0.04, seed=6)
-    bounds, refuted, shown = Bounds.of(boxes), 0, 0
+    bounds, refuted, shown = DualBounds.of(boxes), 0, 0
     for problem in problems:
         evidence = programs.get(McCormick, problem.layout).dual_bound(problem, boxes[0])
         margins = np.array([programs.get(McCormick, problem.layout).solve(problem, box).margin for box in boxes])
@@ -159,7 +159,7 @@ def test_what_no_box_can_mend_is_solved_once(programs: Programs) -> None:
     boxes = boxes_about([hopeless], "wall", 6, 0.05, seed=1)
     assert not oracle.is_feasible(np.array([0]), boxes).any()
     assert not oracle.is_feasible(np.array([0]), boxes).any()
-    assert oracle.counts == Counts(solved=1, trivial=11)
+    assert oracle.counts == VerdictCounts(solved=1, trivial=11)
 
 
 def test_a_box_out_of_range_needs_no_solve(programs: Programs) -> None:
@@ -167,7 +167,7 @@ def test_a_box_out_of_range_needs_no_solve(programs: Programs) -> None:
     box = Envelope(low=np.full((3, 6), 0.9), high=np.full((3, 6), 0.95))
     oracle = CachingOracle([problem], programs)
     assert not oracle.is_feasible(np.array([0]), [box]).any()
-    assert oracle.counts == Counts(range=1)
+    assert oracle.counts == VerdictCounts(range=1)
     assert programs.get(McCormick, problem.layout).solve(problem, box).margin > BAND
 
 

@@ -19,7 +19,7 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors import evolution
 from stancekit.learners.selectors.convergence import Generation
 from stancekit.learners.selectors.convergence_plot import draw_convergence
-from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle
+from stancekit.learners.selectors.feasibility import CachingOracle, SolvingOracle, VerdictCounts
 from stancekit.learners.selectors.genetic import (
     GeneticResult,
     GeneticSettings,
@@ -175,7 +175,7 @@ def test_a_run_improves_on_its_first_generation(
 
 def test_of_the_finalists_the_fittest_that_keeps_to_delta_wins() -> None:
     class OnProgress:
-        counts = Counts()
+        counts = VerdictCounts()
 
         def is_feasible(self, which: np.ndarray, boxes: list[Envelope]) -> np.ndarray:
             rows = {0.1: [1] * 8 + [0] * 2 + [0] * 10, 0.2: [1] * 9 + [0] + [1] * 3 + [0] * 7}  # b, a: .2, 0 and .1, .3

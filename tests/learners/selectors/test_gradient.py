@@ -7,7 +7,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.gradient import (
-    Descent,
+    BoxDescent,
     clustered_boxes,
     descend,
     descend_together,
@@ -84,7 +84,7 @@ def test_the_soft_least_is_the_least_of_one_and_close_to_the_least_of_several() 
 def test_one_box_descends_as_a_set_of_one_and_the_same_every_time(
     dataset: Dataset, problems: tuple[list[Scaled], list[Scaled]], programs: Programs
 ) -> None:
-    start, settings = quantile_box(dataset.points), Descent(steps=4, batch=10)
+    start, settings = quantile_box(dataset.points), BoxDescent(steps=4, batch=10)
     message: list[int] = []
     alone = descend(
         start, *problems, programs, np.random.default_rng(5), settings, lambda step, loss: message.append(step)

@@ -27,7 +27,7 @@ from stancekit.learners.selectors.neural import (
     roomiest,
     roomy,
 )
-from stancekit.learners.selectors.neural_training import NeuralSettings, Rows
+from stancekit.learners.selectors.neural_training import NeuralSettings, TrainingRows
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 from stancekit.planners.equilibrium.programs import Programs
@@ -168,7 +168,7 @@ def test_the_pinball_loss_is_least_at_the_quantiles() -> None:
 
 
 def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, programs: Programs) -> None:
-    rows = Rows.of(dataset.select(dataset.feasible[:60]), "feasible")
+    rows = TrainingRows.of(dataset.select(dataset.feasible[:60]), "feasible")
     network = random_network(drawn("wall-3", 40))
     room = calibrated_room(network, rows, programs, NeuralSettings(target=0.8), least=-0.05, most=0.5)
 
@@ -184,7 +184,7 @@ def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, 
 
 
 def test_more_room_is_given_where_that_costs_fewer_mistakes(dataset: Dataset, programs: Programs) -> None:
-    both = tuple(Rows.of(dataset.select(each[:20]), label) for each, label in
+    both = tuple(TrainingRows.of(dataset.select(each[:20]), label) for each, label in
                  ((dataset.feasible, "feasible"), (dataset.infeasible, "infeasible")))  # fmt: skip
     network = random_network(drawn("wall-3", 40))
     settings = NeuralSettings(caution=2.0)
@@ -238,7 +238,7 @@ def test_a_trained_network_knows_more_than_the_quantile_box(dataset: Dataset) ->
     train, held = dataset.split((0.8, 0.2))
     settings = replace(QUICK, epochs=35, margin_epochs=0)
     network = fit_neural(train, settings, calibration=held).network
-    rows = Rows.of(held, "feasible")
+    rows = TrainingRows.of(held, "feasible")
     box = quantile_box(train.points)
     fixed = [torch.tensor(side, dtype=torch.float32).expand_as(rows.points) for side in (box.low, box.high)]
     with torch.no_grad():

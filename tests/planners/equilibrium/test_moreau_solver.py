@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation import relaxed
 from stancekit.planners.relaxation.boxed import Boxed
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import Joint, near_nominal
+from stancekit.planners.relaxation.joint import JointRelaxation, near_nominal
 from stancekit.planners.relaxation.mccormick import McCormick
 
 moreau = pytest.importorskip("moreau")
@@ -28,11 +28,15 @@ def problems(name, program):
     scaled = [Scaled.of(sampler.sample(rng)) for _ in range(COUNT)]
     middle, half = rng.uniform(-0.2, 0.2, (COUNT, len(sampler.legs), 6)), rng.uniform(0.02, 0.9, (COUNT, 1, 1))
     boxes = [Envelope(low=low, high=high) for low, high in zip(middle - half, middle + half, strict=True)]
-    points = [near_nominal(one, at) if program is Joint else None for one, at in zip(scaled, middle, strict=True)]
+    points = [
+        near_nominal(one, at) if program is JointRelaxation else None for one, at in zip(scaled, middle, strict=True)
+    ]
     return [Boxed(one, point, boxes=(box,)) for one, point, box in zip(scaled, points, boxes, strict=True)]
 
 
-@pytest.mark.parametrize(("name", "make"), [("wall-3", McCormick), ("ground-3", McCormick), ("wall-3", Joint)])
+@pytest.mark.parametrize(
+    ("name", "make"), [("wall-3", McCormick), ("ground-3", McCormick), ("wall-3", JointRelaxation)]
+)
 def test_every_answer_is_that_of_clarabel(name, make):
     data = problems(name, make)
     program = make(data[0].scaled.layout)

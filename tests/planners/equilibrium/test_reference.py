@@ -22,7 +22,7 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.grid import axes_of
-from stancekit.planners.relaxation.joint import Joint, near_nominal
+from stancekit.planners.relaxation.joint import JointRelaxation, near_nominal
 from stancekit.planners.relaxation.least_gap import LeastGap
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
@@ -98,7 +98,7 @@ def p1_of(scaled: Scaled) -> Iterator[tuple[str, Programme, Given]]:
     box = boxed(one, "contact", 0.4)
     for signed in (False, True):
         about = near_nominal(one, 0.5 * (box.low + box.high))
-        yield f"joint {signed}", (Joint, (one.layout, signed)), Boxed(one, about, boxes=(box,))
+        yield f"joint {signed}", (JointRelaxation, (one.layout, signed)), Boxed(one, about, boxes=(box,))
     allowed = np.ones((len(scaled.layout.stances), 2))
     allowed[0, 1] = 0.0
     for axes in ("contact", "world"):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from stancekit.planners.equilibrium.clarabel_settings import solver_settings
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
-from stancekit.planners.equilibrium.model import Model
+from stancekit.planners.equilibrium.model import ConicModel
 from stancekit.planners.equilibrium.rows import Rows
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -75,7 +75,7 @@ class Blend:
         """The same, as one would say it."""
         x, y = cp.Variable((2, 3), name="x"), cp.Variable(1, name="y")
         cost = d["stiff"] * cp.sum_squares(x) + 0.25 * cp.sum_squares(x[1] - x[0]) + 0.5 * y[0] ** 2
-        return Model(
+        return ConicModel(
             cost - cp.sum(cp.multiply(d["point"], x)) - d["pull"] * y[0] + 3.0 * d["pull"],
             {
                 "plane": cp.sum(cp.multiply(d["normal"], x)) + y == d["level"],

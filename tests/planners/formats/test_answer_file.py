@@ -265,7 +265,11 @@ def test_an_outcome_is_strict_json_that_can_be_checked(outcomes, name, proof):
     problem, outcome = outcomes[name]
     record = json.loads(json.dumps(outcome.to_json(proof=proof), allow_nan=False))
     assert record["status"] == outcome.status.value
-    assert (record["method"], record["solves"], record["seconds"]) == (outcome.method, outcome.effort.solves, outcome.effort.seconds)
+    assert (record["method"], record["solves"], record["seconds"]) == (
+        outcome.method,
+        outcome.effort.solves,
+        outcome.effort.seconds,
+    )
     answer = answer_from_json(record)
     if name == "feasible":
         assert isinstance(answer, Posture)

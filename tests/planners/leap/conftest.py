@@ -8,7 +8,7 @@ from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.leap.scp import Attempt, attempt
+from stancekit.planners.leap.scp import LeapAttempt, attempt
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 
@@ -26,7 +26,7 @@ def found(leap: Leap) -> Answer[LeapPlan]:
 
 
 @pytest.fixture(scope="session")
-def failed(leap: Leap) -> Attempt:
+def failed(leap: Leap) -> LeapAttempt:
     """An attempt at it whose first step is feasible with slack that costs."""
     numbers, programs, rng = LeapNumbers.of(leap), Programs(), np.random.default_rng(0)
     for _ in range(60):

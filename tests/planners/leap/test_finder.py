@@ -16,7 +16,7 @@ from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.pick import Picker
 from stancekit.planners.leap.replan import remaining_leap
-from stancekit.planners.leap.scp import Attempt, attempt
+from stancekit.planners.leap.scp import LeapAttempt, attempt
 from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_classes import leap_class
@@ -63,7 +63,7 @@ def test_cuts_refute_the_choice_that_they_come_from_and_none_that_is_solved() ->
     assert (own > 8, proofs > 4) == (True, True)
 
 
-def test_the_guide_of_a_choice_is_its_cost_and_bounds_that_of_others(leap: Leap, failed: Attempt) -> None:
+def test_the_guide_of_a_choice_is_its_cost_and_bounds_that_of_others(leap: Leap, failed: LeapAttempt) -> None:
     numbers = LeapNumbers.of(leap)
     cut = guide(numbers, failed)
     assert cut.value(failed.choice) == pytest.approx(failed.first, abs=1e-9)
@@ -144,7 +144,9 @@ def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: Answer[LeapPla
         remaining_leap(plan, 2.0, state)
 
 
-def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(found: Answer[LeapPlan], refuted: Answer[LeapPlan]) -> None:
+def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(
+    found: Answer[LeapPlan], refuted: Answer[LeapPlan]
+) -> None:
     impossible = (0.32, 0.02, 0.32)
     two = replace(found.problem, timings_s=(impossible, found.problem.timings_s[0]))
     outcome = find_leap(two)

@@ -10,7 +10,7 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.equilibrium.terms import Body, Forces, Given
+from stancekit.planners.equilibrium.terms import BodyPose, Forces, Given
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.held import held_moments
@@ -20,7 +20,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 pytest.importorskip("pinocchio")
 from stancekit.planners.projection.joint_ranges import UPRIGHT_RAD, joint_ranges, keeps_to
 from stancekit.planners.projection.whole_body import with_joints
-from stancekit.planners.projection.whole_body_step import TorqueRows, WholeBody, WholeBodyStep
+from stancekit.planners.projection.whole_body_step import TorqueRows, WholeBodyGiven, WholeBodyStep
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 SMALL = 1e-6
@@ -48,19 +48,19 @@ def restoration_of(plan: Plan) -> tuple[Restoration, Kinematics]:
 
 
 @pytest.fixture
-def about(plan: Plan) -> WholeBody:
+def about(plan: Plan) -> WholeBodyGiven:
     """Somewhere near the plan, tilted, where no foot is at its toe: rows are first order anywhere."""
     restoration, solver = restoration_of(plan)
     rng, point = np.random.default_rng(0), restoration.point()
     tilted = replace(point, rotation=rng.uniform(-0.3, 0.3, point.rotation.shape))
     angles = np.asarray(plan.joints_rad)
-    return WholeBody(
+    return WholeBodyGiven(
         scaled_of(plan), tilted, solver=solver, angles=angles + rng.uniform(-0.2, 0.2, angles.shape),
         limit_nm=solver.torque_nm,
     )  # fmt: skip
 
 
-def torques(at: WholeBody, point: Point, angles: Array) -> Array:
+def torques(at: WholeBodyGiven, point: Point, angles: Array) -> Array:
     """Of every row, by pinocchio."""
     layout, rows = at.scaled.layout, TorqueRows.of(at.scaled.layout, tuple(at.solver.legs.tolist()))
     stance, limb, _ = layout.contacts
@@ -73,7 +73,7 @@ def torques(at: WholeBody, point: Point, angles: Array) -> Array:
     return np.array(each)[stance[rows.contact], rows.joint]
 
 
-def test_torque_rows_have_the_value_and_the_slopes_of_pinocchios_torques(about: WholeBody) -> None:
+def test_torque_rows_have_the_value_and_the_slopes_of_pinocchios_torques(about: WholeBodyGiven) -> None:
     rows = TorqueRows.of(about.scaled.layout, tuple(about.solver.legs.tolist()))
     point, angles, rng = about.held, about.angles, np.random.default_rng(1)
     now = torques(about, point, angles)
@@ -97,7 +97,7 @@ def test_torque_rows_have_the_value_and_the_slopes_of_pinocchios_torques(about: 
     np.testing.assert_allclose(linear - at_rest, about.torque.value, atol=1e-12)
 
 
-def test_feet_move_with_joints_and_with_the_body_as_pinocchio_has_them(about: WholeBody) -> None:
+def test_feet_move_with_joints_and_with_the_body_as_pinocchio_has_them(about: WholeBodyGiven) -> None:
     length_m, rng = about.scaled.length_m, np.random.default_rng(2)
     by_q, by_turn = rng.normal(size=about.angles.shape), rng.normal(size=about.held.rotation.shape)
 
@@ -117,7 +117,7 @@ def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan
     restoration, solver = restoration_of(plan)
     start = restoration.restore(restoration.point(), np.asarray(plan.joints_rad))
     assert start is not None
-    at = WholeBody(
+    at = WholeBodyGiven(
         scaled_of(plan), start.point, solver=solver, angles=start.angles, limit_nm=solver.torque_nm,
         wanted=0.5 * start.share, radius=0.1,
     )  # fmt: skip
@@ -129,7 +129,7 @@ def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan
              "toes": point.toes - start.point.toes, "joints": angles - start.angles}  # fmt: skip
     assert all(np.abs(each).max() <= at.room(name) + 1e-7 for name, each in moved.items())
     assert max(np.abs(each).max() / at.room(name) for name, each in moved.items()) > 0.99  # it is used
-    there = WholeBody(at.scaled, point, solver=solver, angles=angles, limit_nm=solver.torque_nm)
+    there = WholeBodyGiven(at.scaled, point, solver=solver, angles=angles, limit_nm=solver.torque_nm)
     gap = point.com[:, None] + there.arms - point.toes[np.array(at.scaled.layout.holds)]
     normals = at.scaled.frames[:, :, 0][np.array(at.scaled.layout.holds)]
     gap -= (solver.radii_m / at.scaled.length_m)[:, None] * normals
@@ -148,7 +148,7 @@ def test_joints_of_legs_that_stand_turn_no_farther_from_frame_to_frame_than_they
     start = restoration.restore(restoration.point(), np.asarray(plan.joints_rad))
     assert start is not None
     legs = tuple(solver.legs.tolist())
-    at = WholeBody(
+    at = WholeBodyGiven(
         scaled_of(plan), start.point, solver=solver, angles=start.angles, limit_nm=solver.torque_nm,
         wanted=0.5 * start.share, radius=1.0,
     )  # fmt: skip
@@ -220,7 +220,7 @@ def test_what_one_stance_cannot_balance_is_no_others_to_leave(dog_plan: Plan, ea
     point, scaled = restoration.point(), scaled_of(dog_plan)
     beside = point.com + np.outer(np.arange(len(point.com)) == len(point.com) - 1, [1.0, 1.0, 0.0])
     rows = Rows[Given](keep=False)
-    body, forces = Body(rows, scaled.layout), Forces.of_contacts(rows, scaled.layout)
+    body, forces = BodyPose(rows, scaled.layout), Forces.of_contacts(rows, scaled.layout)
     forces.balance()
     rows.linear(held_moments(scaled.layout, body, forces).within(rows, each=each), 1.0)
     forces.in_cones()

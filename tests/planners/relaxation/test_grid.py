@@ -8,7 +8,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.equilibrium.equations import Forces, Plan
+from stancekit.planners.equilibrium.equations import ContactForces, PlanVariables
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
@@ -70,7 +70,7 @@ def test_tangent_planes_lie_around_the_cones_and_close_to_them(drawn):
     ball, direction = cp.Variable(3), cp.Parameter(3)
     reach = cp.Problem(cp.Maximize(direction @ ball), planes(cp.SOC(cp.Constant(2.0), ball), "outer"))
     scaled = Scaled.of(drawn("wall-3", 0))
-    forces = Forces.of_candidates(Plan(scaled))
+    forces = ContactForces.of_candidates(PlanVariables(scaled))
     rows = [*planes(forces.in_cones()["cone"], "outer"), forces.forces[:, 0] <= 1.0]
     push = cp.Parameter(2)
     friction = cp.Problem(cp.Maximize(forces.forces[0, 1:] @ push), rows)

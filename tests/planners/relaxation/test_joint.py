@@ -9,7 +9,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import Joint, near_nominal
+from stancekit.planners.relaxation.joint import JointRelaxation, near_nominal
 from stancekit.planners.relaxation.least_gap import LeastGap
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick
@@ -42,8 +42,8 @@ def test_a_box_that_holds_a_witness_admits_the_problem_by_either_objective(progr
         if point is None:
             continue
         around = Envelope(low=point - 0.02, high=point + 0.03)
-        assert Joint.margin(programs, scaled, around).margin < 0.0
-        answer = programs.get(Joint, scaled.layout).solve(scaled, around, point)
+        assert JointRelaxation.margin(programs, scaled, around).margin < 0.0
+        answer = programs.get(JointRelaxation, scaled.layout).solve(scaled, around, point)
         assert answer.feasible
         assert answer.margin >= -1e-9
         looked_at += 1
@@ -66,8 +66,8 @@ def test_no_margin_is_below_that_of_the_box_alone_and_what_the_lift_refutes_is_r
 def test_the_answer_is_priced_out_of_a_margin_wherever_there_is_none(programs, problems, box):
     signs = set()
     for scaled, _ in problems:
-        answer = programs.get(Joint, scaled.layout).solve(scaled, box)
-        signed = Joint.margin(programs, scaled, box)
+        answer = programs.get(JointRelaxation, scaled.layout).solve(scaled, box)
+        signed = JointRelaxation.margin(programs, scaled, box)
         assert answer.feasible == signed.feasible
         assert answer.margin >= max(signed.margin, 0.0) - 1e-6
         signs.add(answer.feasible)
@@ -76,11 +76,11 @@ def test_the_answer_is_priced_out_of_a_margin_wherever_there_is_none(programs, p
 
 def test_the_gradient_is_that_of_central_differences_in_every_bound(programs, problems, box):
     scaled, bounds = next(problem for problem, point in problems if point is not None), box.to_vector()
-    answer = Joint.margin(programs, scaled, box, gradient=True)
+    answer = JointRelaxation.margin(programs, scaled, box, gradient=True)
     gradient = np.concatenate([part.ravel() for part in answer.gradient])
 
     def margin(at):
-        return Joint.margin(programs, scaled, Envelope.from_vector(at)).margin
+        return JointRelaxation.margin(programs, scaled, Envelope.from_vector(at)).margin
 
     slopes = [(margin(bounds + e) - margin(bounds - e)) / (2 * STEP) for e in STEP * np.eye(len(bounds))]
     np.testing.assert_allclose(gradient, slopes, atol=1e-5)

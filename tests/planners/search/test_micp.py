@@ -21,14 +21,14 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.grid import Breaks, cell_error
-from stancekit.planners.relaxation.micp import Grid, MicpProgram, of_layout
+from stancekit.planners.relaxation.micp import MicpGrid, MicpProgram, of_layout
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.verify import check_plan, check_posture
 
 NEEDS_SCIP = pytest.mark.skipif(importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra")
 NEEDS_GUROBI = pytest.mark.skipif(importlib.util.find_spec("gurobipy") is None, reason="needs the exact extra")
-TWO = Grid(intervals=2)
+TWO = MicpGrid(intervals=2)
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_a_claim_of_infeasibility_stays_a_claim(infeasible):
 def test_one_piece_of_the_domain_is_the_mccormick_relaxation(scenes):
     claims = []
     for problem, _ in scenes:
-        program, domain = asked(problem, Grid(intervals=1))
+        program, domain = asked(problem, MicpGrid(intervals=1))
         claims.append(program.solve(Scaled.of(problem), 60.0).claim)
         if claims[-1] == "infeasible":  # its cones are wider, so what it refuses the relaxation refuses, too
             answer = p1(Scaled.of(problem), domain, soft=True).solve()
@@ -155,7 +155,7 @@ def test_a_point_of_the_grid_lies_on_the_surface_up_to_its_cells(feasible):
     problem, _ = feasible[0]
     gaps = []
     for intervals in (1, 2, 4):
-        program, domain = asked(problem, Grid(intervals=intervals))
+        program, domain = asked(problem, MicpGrid(intervals=intervals))
         answer = program.solve(Scaled.of(problem), 60.0)
         p, f = coordinates(answer.point)[0, :, :3], answer.point.forces
         gap = np.abs(program.products.moments.value - (p[:, :, None] * f[:, None, :]).reshape(3, 9))
@@ -172,7 +172,7 @@ def test_both_encodings_make_the_same_claim(scenes, cut):
     claims = []
     for problem, _ in scenes[:6]:
         log, unary = (
-            asked(problem, Grid(intervals=2, encoding=encoding, cut=cut))[0].solve(Scaled.of(problem), 60.0).claim
+            asked(problem, MicpGrid(intervals=2, encoding=encoding, cut=cut))[0].solve(Scaled.of(problem), 60.0).claim
             for encoding in ("log", "unary")
         )
         assert log == unary
@@ -182,16 +182,16 @@ def test_both_encodings_make_the_same_claim(scenes, cut):
 
 def test_binaries_are_a_variable_and_not_a_cell(scenes):
     problem = scenes[0][0]
-    figures = {encoding: asked(problem, Grid(encoding=encoding))[0].figures for encoding in ("log", "unary")}
+    figures = {encoding: asked(problem, MicpGrid(encoding=encoding))[0].figures for encoding in ("log", "unary")}
     assert figures["log"]["binaries"] == 18 * 2
     assert figures["unary"]["binaries"] == 18 * 4
-    assert asked(problem, Grid(cut="position"))[0].figures["binaries"] == 9 * 2
+    assert asked(problem, MicpGrid(cut="position"))[0].figures["binaries"] == 9 * 2
 
 
 def test_binaries_grow_with_the_limbs_that_carry():
     course = read_course("walls", frames=4)
     scaled = Scaled.of(course)
-    program = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), Grid().counts))
+    program = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), MicpGrid().counts))
     carrying = sum(len(stance.limbs) for stance in course.stances)
     assert program.figures["binaries"] == 12 * carrying == 252
 
@@ -201,7 +201,7 @@ def test_with_an_envelope_the_claimed_point_of_a_posture_lies_in_it(feasible, us
     found = 0
     for problem, outcome in feasible[:4]:
         envelope = Envelope.around(witness(problem, outcome)).widened(0.1)
-        planner = MicpPlanner(grid=Grid(intervals=2, envelope_use=use), envelope=envelope)
+        planner = MicpPlanner(grid=MicpGrid(intervals=2, envelope_use=use), envelope=envelope)
         answer = planner.program(problem).solve(Scaled.of(problem), 60.0)
         assert envelope.contains(coordinates(answer.point), margin=1e-6).all()
         outcome = planner.solve(problem)
@@ -213,7 +213,7 @@ def test_with_an_envelope_the_claimed_point_of_a_posture_lies_in_it(feasible, us
 @pytest.mark.parametrize("use", ["rows", "shrink"])
 def test_an_envelope_confines_the_point_of_a_course(use, walls, learned):
     scaled = Scaled.of(walls)
-    planner = MicpPlanner(envelope=learned, grid=Grid(envelope_use=use))
+    planner = MicpPlanner(envelope=learned, grid=MicpGrid(envelope_use=use))
     box = planner.box(walls)
     answer = planner.program(walls).solve(Scaled.of(walls), 60.0)
     assert answer.claim == "feasible"
@@ -225,7 +225,7 @@ def test_an_envelope_confines_the_point_of_a_course(use, walls, learned):
 
 def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
     for intervals in (1, 8):
-        planner = MicpPlanner(envelope=learned, grid=Grid(envelope_use="shrink", intervals=intervals))
+        planner = MicpPlanner(envelope=learned, grid=MicpGrid(envelope_use="shrink", intervals=intervals))
         box, answer = planner.box(walls), planner.program(walls).solve(Scaled.of(walls), 60.0)
         width = float(np.max(box.high - box.low) / intervals)
         assert answer.claim == "feasible"
@@ -237,7 +237,7 @@ def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
 def test_an_envelope_out_of_reach_of_a_posture_has_no_point(feasible, use):
     problem, outcome = feasible[0]
     far = Envelope.around(witness(problem, outcome) + 3.0).widened(0.1)
-    planner = MicpPlanner(grid=Grid(intervals=2, envelope_use=use), envelope=far)
+    planner = MicpPlanner(grid=MicpGrid(intervals=2, envelope_use=use), envelope=far)
     assert planner.solve(problem).claim == "infeasible"
 
 
@@ -292,7 +292,7 @@ def test_an_envelope_of_other_limbs_or_over_several_frames_is_refused(feasible, 
 
 
 def test_a_time_limit_leaves_the_problem_undecided(infeasible):
-    outcome = MicpPlanner(grid=Grid(intervals=8), time_limit_s=0.01).solve(infeasible[2][0])
+    outcome = MicpPlanner(grid=MicpGrid(intervals=8), time_limit_s=0.01).solve(infeasible[2][0])
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "unknown")
 
 
@@ -340,13 +340,13 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
     ("make", "message"),
     [
         (lambda: MicpPlanner(solver="cplex"), "solver: expected one of highs, scip, gurobi, got 'cplex'"),
-        (lambda: Grid(encoding="hot"), "encoding: expected one of log, unary, got 'hot'"),
-        (lambda: Grid(cut="force"), "cut: expected one of both, position, got 'force'"),
-        (lambda: Grid(intervals=3), "intervals: expected 1 or more, and a power of two for 'log', got 3"),
-        (lambda: Grid(envelope_use="cut"), "envelope_use: expected one of rows, shrink, got 'cut'"),
-        (lambda: Grid(domain="mine"), "domain: expected one of course, unit, got 'mine'"),
+        (lambda: MicpGrid(encoding="hot"), "encoding: expected one of log, unary, got 'hot'"),
+        (lambda: MicpGrid(cut="force"), "cut: expected one of both, position, got 'force'"),
+        (lambda: MicpGrid(intervals=3), "intervals: expected 1 or more, and a power of two for 'log', got 3"),
+        (lambda: MicpGrid(envelope_use="cut"), "envelope_use: expected one of rows, shrink, got 'cut'"),
+        (lambda: MicpGrid(domain="mine"), "domain: expected one of course, unit, got 'mine'"),
         (
-            lambda: MicpPlanner(grid=Grid(cones="exact")),
+            lambda: MicpPlanner(grid=MicpGrid(cones="exact")),
             "cones: expected outer, inner, or exact for another solver than highs, got 'exact'",
         ),
         (lambda: MicpPlanner(gap=-0.1), "gap: expected a number in [0, "),

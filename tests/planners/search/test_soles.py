@@ -406,7 +406,9 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     assert len(standing.yaws_rad) == 2
     rest = replan(standing, course, frame=4)
     assert rest.status is Status.FEASIBLE
-    np.testing.assert_allclose(rest.solution.points_m[:2], begin.solution.points_m[begin.solution.course.holds[-1]], atol=1e-9)
+    np.testing.assert_allclose(
+        rest.solution.points_m[:2], begin.solution.points_m[begin.solution.course.holds[-1]], atol=1e-9
+    )
     with pytest.raises(InvalidInput, match="expected the yaws of the soles that stand, got none"):
         replan(replace(standing, yaws_rad=()), course, frame=4)
     assert len(plan.course.footholds) == 6

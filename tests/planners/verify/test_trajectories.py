@@ -19,7 +19,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.robot.single_body import Foot, GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories
-from stancekit.planners.verify.trajectories import GROUPS, Limits, check_trajectory
+from stancekit.planners.verify.trajectories import GROUPS, WalkLimits, check_trajectory
 from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 
@@ -175,7 +175,7 @@ def stepping() -> Trajectory:
     )  # fmt: skip
 
 
-def refused(trajectory, limits=Limits()) -> dict[str, tuple[str, float]]:
+def refused(trajectory, limits=WalkLimits()) -> dict[str, tuple[str, float]]:
     """The groups that break their limits, with where and when."""
     return {g.name: (g.where, g.when) for g in check_trajectory(trajectory, limits).refused}
 
@@ -560,7 +560,7 @@ def test_the_digest_speaks_of_trajectory_limits_and_verdict():
     report = check_trajectory(still)
     assert report.digest == check_trajectory(standing()).digest
     others = [
-        check_trajectory(still, Limits(reach_m=4e-3)),
+        check_trajectory(still, WalkLimits(reach_m=4e-3)),
         check_trajectory(replace(still, friction=0.76)),
         check_trajectory(moved(still, "forces_n", 1e-12, (5, 1, 2))),
         check_trajectory(replace(still, provenance={})),
@@ -584,7 +584,7 @@ def test_scales_follow_the_robot():
     """Forces are judged in units of m·g, so a robot of twice the mass with twice the forces is judged the same."""
     light, heavy = standing(), standing()
     heavy = replace(heavy, robot=robot(mass_kg=60.0), forces_n=2.0 * heavy.forces_n)
-    limit = 1.0 + Limits().impulse_rate + Limits().impulse_s / 0.495
+    limit = 1.0 + WalkLimits().impulse_rate + WalkLimits().impulse_s / 0.495
     for factor in (limit - 1e-3, limit + 1e-3):
         verdicts = [check_trajectory(replace(t, forces_n=factor * t.forces_n)).accepted for t in (light, heavy)]
         assert verdicts == [factor < limit] * 2

@@ -10,7 +10,7 @@ from stancekit.planners.warp.energy import MapEnergy, shear
 from stancekit.planners.warp.gauss_newton import gauss_newton, point_blocks, residual_slopes
 from stancekit.planners.warp.gradient import descend
 from stancekit.planners.warp.local_global import accelerated, published
-from stancekit.planners.warp.quadrature import Grid
+from stancekit.planners.warp.quadrature import QuadratureGrid
 from stancekit.planners.warp.similarity import (
     cofactor,
     determinant,
@@ -21,7 +21,7 @@ from stancekit.planners.warp.similarity import (
 )
 
 HILL = reference_terrain("hill")
-GRID = Grid.of_band(HILL.domain_m, 2.3, (8, 8, 3), 2)
+GRID = QuadratureGrid.of_band(HILL.domain_m, 2.3, (8, 8, 3), 2)
 RNG = np.random.default_rng(0)
 
 
@@ -67,7 +67,7 @@ def test_densities_are_those_of_the_singular_values():
 def test_the_shear_has_determinant_one_and_follows_the_terrain():
     psi = shear(GRID, HILL)
     np.testing.assert_allclose(determinant(GRID.gradient(psi)), 1.0, atol=1e-9)
-    fine = Grid.of_band(HILL.domain_m, 2.3, (24, 24, 3), 2)
+    fine = QuadratureGrid.of_band(HILL.domain_m, 2.3, (24, 24, 3), 2)
     miss, _ = MapEnergy.published(fine, HILL).miss(shear(fine, HILL))
     assert np.abs(miss).max() < 0.08
 
@@ -134,7 +134,7 @@ def test_at_the_end_of_our_descent_the_gradient_is_gone():
 
 def test_anderson_saves_iterations_and_reaches_the_same_energy():
     ripple = reference_terrain("ripple")
-    grid = Grid.of_band(ripple.domain_m, 2.3, (24, 24, 6), 2)
+    grid = QuadratureGrid.of_band(ripple.domain_m, 2.3, (24, 24, 6), 2)
     energy = MapEnergy(grid=grid, field=ripple, match_weight=3.0)
     plain, mixed = (accelerated(energy, grid.identity, 100, memory=memory) for memory in (0, 6))
     assert len(mixed.history) < 0.6 * len(plain.history)

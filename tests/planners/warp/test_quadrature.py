@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from stancekit.planners.warp.local_global import _factorised
-from stancekit.planners.warp.quadrature import Grid, SeparableSolver
+from stancekit.planners.warp.quadrature import QuadratureGrid, SeparableSolver
 
-GRID = Grid.of_band(((-1.0, 2.0), (0.0, 2.0)), 1.5, (5, 4, 3), 3)
+GRID = QuadratureGrid.of_band(((-1.0, 2.0), (0.0, 2.0)), 1.5, (5, 4, 3), 3)
 RNG = np.random.default_rng(0)
 
 

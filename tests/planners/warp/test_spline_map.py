@@ -7,11 +7,11 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.warp.quadrature import Grid
+from stancekit.planners.warp.quadrature import QuadratureGrid
 from stancekit.planners.warp.spline_map import SplineMap, fading
 
 DOMAIN = ((-2.0, 2.0), (-1.5, 1.5))
-GRID = Grid.of_band(DOMAIN, 1.2, (6, 5, 3), 2)
+GRID = QuadratureGrid.of_band(DOMAIN, 1.2, (6, 5, 3), 2)
 
 
 def bent(size=0.03, snap=True, seed=0):

@@ -9,7 +9,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.charts.pushforward import Pushforward
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.method.guess import Walk
+from stancekit.planners.gait.method.guess import GuessedWalk
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import Foot, GaitRobot, anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
@@ -77,7 +77,7 @@ def test_what_a_chart_pulls_back_it_pushes_forward(small: Build, chart: str) -> 
 def test_the_guess_on_a_slope_is_at_stand_height_from_it_with_feet_ahead_and_behind(small: Build) -> None:
     slope = HeightField.from_function(lambda x, y: 0.3 * x - 0.2 * y, 2.0, 0.25)
     structure = small(terrain=slope).structure
-    walk = Walk(structure)
+    walk = GuessedWalk(structure)
     normal = np.array([-0.3, 0.2, 1.0]) / np.sqrt(1.13)
     at, _ = walk.torso(structure.times_s)
     assert at @ normal == pytest.approx(np.full(len(at), structure.task.robot.stand_height_m))

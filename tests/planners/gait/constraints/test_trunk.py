@@ -58,6 +58,6 @@ def pit(duration_s: float = 10.0) -> GaitProgram:
 
 def walked(structure: Structure) -> np.ndarray:  # type: ignore[type-arg]
     """Where the guess's torso is at the nodes, shape (K, 2) [m]."""
-    from stancekit.planners.gait.method.guess import Walk
+    from stancekit.planners.gait.method.guess import GuessedWalk
 
-    return Walk(structure).torso_xy(structure.times_s)
+    return GuessedWalk(structure).torso_xy(structure.times_s)

@@ -18,14 +18,14 @@ from stancekit.planners.gait.method.leg_loads import leg_loads
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.gait.variables.samples import sampled
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.verify.trajectories import Limits, check_trajectory
+from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 from stancekit.planners.verify.trajectory_whole_body import WholeBodyMeasurements
 from tests.planners.verify.test_trajectory_whole_body import stepping
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-LOW = Limits(torque=0.3)
+LOW = WalkLimits(torque=0.3)
 """Most joints are near this."""
 
 
@@ -88,7 +88,7 @@ def test_a_refused_torque_gets_rows_that_a_solve_keeps() -> None:
     found = base.solve()
     report = check_trajectory(found.trajectory())
     worst = next(group for group in report.groups if group.name == "torque").value
-    limits = Limits(torque=0.95 * worst)
+    limits = WalkLimits(torque=0.95 * worst)
     refused = check_trajectory(found.trajectory(), limits)
     assert "torque" in {group.name for group in refused.refused}
     dense = densified(base, refused)

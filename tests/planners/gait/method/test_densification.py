@@ -18,7 +18,7 @@ from stancekit.planners.gait.method.densification import (
     tightened,
 )
 from stancekit.planners.gait.transcription.program import Program
-from stancekit.planners.verify.trajectories import Limits, check_trajectory
+from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_a_dense_program_holds_its_band(program, solution):
 
 
 def test_flaws_are_where_the_verifier_measures_them(program, solution):
-    strict = Limits(force_balance=1e-6, reach_m=-1.0)  # nothing keeps these
+    strict = WalkLimits(force_balance=1e-6, reach_m=-1.0)  # nothing keeps these
     report = check_trajectory(solution.trajectory(), strict)
     found = flaws(program, report, band=0.01)
     assert {"force_balance", "reach"} <= {group.name for group in report.refused}
@@ -100,14 +100,14 @@ def test_flaws_are_where_the_verifier_measures_them(program, solution):
 
 
 def test_an_accepted_trajectory_asks_for_nothing(program, solution):
-    report = check_trajectory(solution.trajectory(), Limits(force_balance=1.0, moment_balance=1.0))
+    report = check_trajectory(solution.trajectory(), WalkLimits(force_balance=1.0, moment_balance=1.0))
     assert report.accepted
     assert densified(program, report) is None
 
 
 def test_what_was_missed_is_kept_in_hand(program, solution):
     settings = replace(program.settings, trunk_clearance_m=None)
-    report = check_trajectory(solution.trajectory(), Limits(trunk_m=-2.0, reach_m=-1.0, penetration_m=-1.0))
+    report = check_trajectory(solution.trajectory(), WalkLimits(trunk_m=-2.0, reach_m=-1.0, penetration_m=-1.0))
     found = tightened(settings, report)
     assert found.trunk_clearance_m == pytest.approx(0.02)
     assert found.swing_nodes > settings.swing_nodes
@@ -118,7 +118,7 @@ def test_what_was_missed_is_kept_in_hand(program, solution):
 
 
 def test_rows_add_up_and_bands_narrow(program, solution):
-    report = check_trajectory(solution.trajectory(), Limits(force_balance=1e-6))
+    report = check_trajectory(solution.trajectory(), WalkLimits(force_balance=1e-6))
     first = DenseProgram(program, program.settings, checks(program, balance=[5]))
     second = densified(first, report)
     assert second is not None

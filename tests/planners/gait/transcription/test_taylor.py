@@ -6,7 +6,7 @@ import pytest
 
 from stancekit.planners.gait.transcription.taylor import SnappedMap, TaylorMap
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.warp.quadrature import Grid
+from stancekit.planners.warp.quadrature import QuadratureGrid
 from stancekit.planners.warp.spline_map import SplineMap
 
 DOMAIN = ((-2.0, 2.0), (-1.5, 1.5))
@@ -20,7 +20,7 @@ def rough() -> HeightField:
 
 @pytest.fixture(scope="module", params=[False, True])
 def warp(request: pytest.FixtureRequest, rough: HeightField) -> SplineMap:
-    grid = Grid.of_band(DOMAIN, 1.2, (8, 6, 3), 2)
+    grid = QuadratureGrid.of_band(DOMAIN, 1.2, (8, 6, 3), 2)
     control = grid.identity + 0.05 * np.random.default_rng(1).standard_normal(grid.identity.shape)
     snap = HeightField(rough.x_m, rough.y_m, 0.1 * rough.heights_m) if request.param else None
     return SplineMap(domain_m=DOMAIN, height_m=1.2, control_m=control, snap=snap, fade_m=0.6)
