@@ -96,10 +96,10 @@ def plan(
         old: settings of methods and limits as arguments, which is the old form.
     Returns:
         An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every stance and between
-        them, as far as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a robot's own
-        legs, for the course in ``problem``; or undecided, also with a plan whose joints cannot do it, whose bodies
-        collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan. Of a
-        leap, one with a ``LeapPlan``.
+        them, as far as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a
+        robot's own legs, for the course in ``problem``; or undecided, also with a plan whose joints cannot do it, whose
+        bodies collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan.
+        Of a leap, one with a ``LeapPlan``.
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are missing or have no
             use.

@@ -9,10 +9,10 @@ import numpy as np
 from .gather import Fill
 from .layout import Index, Layout
 from .rows import Rows
-from .terms import BodyPose, FreeToes, Given
+from .terms import BodyVariables, FreeToes, Given
 
 
-def objective(rows: Rows[Given], layout: Layout, body: BodyPose, toes: FreeToes | None) -> None:
+def objective(rows: Rows[Given], layout: Layout, body: BodyVariables, toes: FreeToes | None) -> None:
     """Squared distance of the last COM to the goal and squared steps, in length scales squared (paper E §II); and of
     every COM to the nominal path, which no paper has: without it bodies sink as low as legs are long.
 

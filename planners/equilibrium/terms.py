@@ -96,7 +96,7 @@ class HeldToes:
         self._rows.right(at, -sign * Of("held.toes", footholds))
 
 
-class BodyPose:
+class BodyVariables:
     """Centre of mass c and small rotation Θ of every frame, and what limits them (E2, E11)."""
 
     def __init__(self, rows: Rows[Any], layout: Layout) -> None:
@@ -273,7 +273,7 @@ class Moments:
         """
         self._parts.append((stance, columns, values))
 
-    def of_weight(self, body: BodyPose) -> None:
+    def of_weight(self, body: BodyVariables) -> None:
         """−w c × e_z = −w (c_y, −c_x, 0)."""
         self._com = body.com[self._layout.stance_frames]
 

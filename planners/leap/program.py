@@ -9,7 +9,7 @@ import numpy as np
 from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.layout import Layout
 from ..equilibrium.rows import Rows
-from ..equilibrium.terms import BodyPose, Forces, FreeToes
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes
 from .numbers import LeapGiven, LeapPoint
 from .terms import SLACKS, Dynamics, Legs, Turning, still_moments, trust
 
@@ -35,7 +35,7 @@ class LeapProgram:
     def __init__(self, layout: Layout, still: tuple[bool, bool]) -> None:
         self.layout, self.rows = layout, Rows[LeapGiven](keep=False)
         rows = self.rows
-        body = BodyPose(rows, layout)
+        body = BodyVariables(rows, layout)
         toes = FreeToes(rows, layout, explicit=True)
         forces = Forces.of_contacts(rows, layout)
         dynamics = Dynamics(rows, layout, body, still)
@@ -80,7 +80,7 @@ class LeapLift:
     def __init__(self, layout: Layout, still: tuple[bool, bool]) -> None:
         self.layout, self.rows = layout, Rows[LeapGiven](keep=False)
         rows = self.rows
-        body = BodyPose(rows, layout)
+        body = BodyVariables(rows, layout)
         toes = FreeToes(rows, layout, explicit=True)
         forces = Forces.of_vertices(rows, layout, toes)
         dynamics = Dynamics(rows, layout, body, still)

@@ -19,7 +19,7 @@ from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import skew
-from ..equilibrium.terms import BodyPose, Forces, FreeToes
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from .numbers import LeapGiven
@@ -34,7 +34,7 @@ SLACKS = tuple(PRICES)
 class Dynamics:
     """v, L, and how they, c and Θ go on over M intervals."""
 
-    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: BodyPose, still: tuple[bool, bool]) -> None:
+    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, still: tuple[bool, bool]) -> None:
         self._rows, self._layout, self._body = rows, layout, body
         self.intervals = layout.frames // 2
         self.velocity = rows.variable("velocity", self.intervals + 1, 3)
@@ -83,7 +83,7 @@ class Dynamics:
 class Turning:
     """L, Θ and how they go on, linearised about a point, one candidate per foothold."""
 
-    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: BodyPose, dynamics: Dynamics) -> None:
+    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, dynamics: Dynamics) -> None:
         self._rows, self._layout, self._body, self._dynamics = rows, layout, body, dynamics
         self.momentum = rows.variable("momentum", dynamics.intervals + 1, 3)
 
@@ -161,7 +161,7 @@ class Legs:
     """What limits legs: height of the body, and speed, power and length about a point, which cost where they fail."""
 
     def __init__(
-        self, rows: Rows[LeapGiven], layout: Layout, body: BodyPose, dynamics: Dynamics, toes: FreeToes
+        self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, dynamics: Dynamics, toes: FreeToes
     ) -> None:
         self._rows, self._layout, self._body, self._dynamics, self._toes = rows, layout, body, dynamics, toes
 
@@ -238,7 +238,9 @@ def trust(rows: Rows[LeapGiven], layout: Layout, toes: FreeToes) -> None:
     rows.right(near[:, 1:], lambda d: -d.point.toes)
 
 
-def still_moments(rows: Rows[LeapGiven], layout: Layout, body: BodyPose, forces: Forces, dynamics: Dynamics) -> None:
+def still_moments(
+    rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, forces: Forces, dynamics: Dynamics
+) -> None:
     """Σ p × f = c × e_z in still intervals, over the forces of vertices: the quasi-static balance of moments."""
     interval = layout.stance_frames[forces.stance] // 2
     still = rows.equal("moment_still", len(dynamics.still_intervals), 3)

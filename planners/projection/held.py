@@ -13,7 +13,7 @@ from ..equilibrium.layout import Layout
 from ..equilibrium.objective import objective
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import BodyPose, Forces, FreeToes, Given, HeldToes, Moments
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Moments
 from ..files.arrays import Array, cross
 
 MOMENT_PRICE = 30.0
@@ -28,7 +28,7 @@ class FixToes:
 
     def __init__(self, layout: Layout, hold_body: bool, least_moment: bool) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, forces = BodyPose(rows, layout), Forces.of_contacts(rows, layout)
+        body, forces = BodyVariables(rows, layout), Forces.of_contacts(rows, layout)
         forces.balance()
         moments = held_moments(layout, body, forces)
         if least_moment:
@@ -68,7 +68,7 @@ class FixForces:
 
     def __init__(self, layout: Layout) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, toes, moments = BodyPose(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
+        body, toes, moments = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
         _levers(moments, layout, toes)
         if layout.points:
             moments.shift(_sole_moments)
@@ -103,7 +103,7 @@ class Linearised:
     def __init__(self, layout: Layout, least_moment: bool) -> None:
         self._price = None if least_moment else MOMENT_PRICE
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, toes = BodyPose(rows, layout), FreeToes(rows, layout, explicit=True)
+        body, toes = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=True)
         forces = Forces.of_contacts(rows, layout)
         forces.balance()
         moments = linearised_moments(layout, body, toes, forces)
@@ -134,7 +134,7 @@ class Linearised:
         return _point(solution, toes=toes_of(solution, scaled), forces=solution.value("forces"))
 
 
-def held_moments(layout: Layout, body: BodyPose, forces: Forces) -> Moments:
+def held_moments(layout: Layout, body: BodyVariables, forces: Forces) -> Moments:
     """p̄ × F less that of the weight, of every stance: exact with the toes held."""
     moments = Moments(layout)
     moments.add(forces.stance, forces.columns, Of("held_arms"))
@@ -142,7 +142,7 @@ def held_moments(layout: Layout, body: BodyPose, forces: Forces) -> Moments:
     return moments
 
 
-def linearised_moments(layout: Layout, body: BodyPose, toes: FreeToes, forces: Forces) -> Moments:
+def linearised_moments(layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces) -> Moments:
     """p̄ × F + (p − p̄) × F̄ less that of the weight, of every stance; toes: explicit."""
     moments, (stance, _, foothold) = held_moments(layout, body, forces), layout.contacts
     _levers(moments, layout, toes)

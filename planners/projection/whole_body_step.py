@@ -25,7 +25,7 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.objective import objective
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, skew
-from ..equilibrium.terms import BodyPose, Forces, FreeToes, Given, HeldToes, Toes
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Toes
 from ..files.arrays import Array, cross, locked
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.leg_slopes import LegSlopes, turning
@@ -221,7 +221,7 @@ class WholeBodyStep:
     ) -> None:
         layout.check_point_feet("whole body")
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, forces = BodyPose(rows, layout), Forces.of_contacts(rows, layout)
+        body, forces = BodyVariables(rows, layout), Forces.of_contacts(rows, layout)
         free = None if hold_toes else FreeToes(rows, layout, explicit=True)
         toes: Toes = HeldToes(rows) if free is None else free
         joints, share = rows.variable("joints", layout.frames, len(leg_of)), rows.variable("share", 1)
@@ -255,7 +255,7 @@ class WholeBodyStep:
         rows.square(forces.columns, None, EVEN)
         rows.linear(share, TORQUE_PRICE)
 
-    def _feet(self, body: BodyPose, toes: Toes, joints: Index, leg_of: Index, layout: Layout) -> None:
+    def _feet(self, body: BodyVariables, toes: Toes, joints: Index, leg_of: Index, layout: Layout) -> None:
         """Every foot is at its toe."""
         rows = self.rows
         feet = rows.equal("feet", layout.frames, layout.limbs, 3)
@@ -265,7 +265,7 @@ class WholeBodyStep:
         rows.put(feet[:, leg_of], joints[..., None], Of("by_joint"))
         rows.right(feet, Of("feet_right"))
 
-    def _torques(self, of: TorqueRows, body: BodyPose, forces: Forces, joints: Index, share: Index) -> None:
+    def _torques(self, of: TorqueRows, body: BodyVariables, forces: Forces, joints: Index, share: Index) -> None:
         """No torque has more of its limit than the share, which is what is wanted or more."""
         rows = self.rows
         torque = rows.at_most("torque", len(of.joint))

@@ -23,7 +23,7 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import BodyPose, Forces, FreeToes, Given, Moments
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .boxed import Boxed
@@ -62,7 +62,7 @@ class JointRelaxation:
         layout.check_point_feet("envelopes")
         self._signed, self.rows = signed, Rows[Given](keep=layout.frames == 1)
         rows = self.rows
-        body, toes = BodyPose(rows, layout), FreeToes(rows, layout, explicit=False)
+        body, toes = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=False)
         forces = Forces.of_vertices(rows, layout, toes)
         self._forces = (forces.contact, forces.candidate)
         forces.balance()
@@ -152,7 +152,7 @@ class JointRelaxation:
             gradient=margin_gradient(solution, reached, given.boxes[0]) if gradient else None,
         )
 
-    def _boxed(self, layout: Layout, body: BodyPose, toes: FreeToes, forces: Forces, margin: Index) -> None:
+    def _boxed(self, layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces, margin: Index) -> None:
         """p, f and m of every stance contact over its box, and how they hang together with the lift."""
         rows, (stance, _, foothold) = self.rows, layout.contacts
         count, contact, vertex = len(stance), *layout.contact_vertices

@@ -16,7 +16,7 @@ from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import BodyPose, Forces, FreeToes, Given, Moments
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array
 from .relaxed import Relaxed
 
@@ -26,7 +26,7 @@ class LeastGap:
 
     def __init__(self, layout: Layout) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, toes = BodyPose(rows, layout), FreeToes(rows, layout, explicit=False)
+        body, toes = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=False)
         forces = Forces.of_vertices(rows, layout, toes)
         forces.balance()
         moments = Moments(layout)

@@ -23,7 +23,7 @@ from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Scaled
-from ..equilibrium.terms import BodyPose, Forces, FreeToes, Given, Moments
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array
 from .envelope import Envelope
 from .relaxed import RelaxationAnswer, Relaxed, unit_shares
@@ -71,7 +71,7 @@ class LiftProgram:
     def __init__(self, layout: Layout, implied: bool, least_moment: bool) -> None:
         self.layout, self.rows, self._least = layout, Rows[Given](keep=layout.frames == 1), least_moment
         rows = self.rows
-        body = BodyPose(rows, layout)
+        body = BodyVariables(rows, layout)
         toes = FreeToes(rows, layout, explicit=not least_moment, implied=implied)
         forces = Forces.of_vertices(rows, layout, toes)
         self._forces = (forces.contact, forces.candidate)

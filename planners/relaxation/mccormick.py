@@ -25,7 +25,7 @@ from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled, skew
-from ..equilibrium.terms import BodyPose, Forces, FreeToes, Given
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .boxed import Boxed as Boxed
@@ -286,9 +286,9 @@ def moment_axes(scaled: Scaled) -> Array:
 
 def _terms(
     rows: Rows[Given], layout: Layout, *, explicit: bool, inner: bool = False
-) -> tuple[BodyPose, FreeToes, Forces]:
+) -> tuple[BodyVariables, FreeToes, Forces]:
     """Every term but m = p f and the objective."""
-    body, toes = BodyPose(rows, layout), FreeToes(rows, layout, explicit=explicit)
+    body, toes = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=explicit)
     forces = Forces.of_candidates(rows, layout, toes)
     forces.balance()
     forces.in_cones()

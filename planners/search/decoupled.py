@@ -19,7 +19,7 @@ from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import BodyPose, FreeToes, Given
+from ..equilibrium.terms import BodyVariables, FreeToes, Given
 from ..problem.course import Course
 from ..projection.project import project
 from .answer import Acceptance, Claim, plan_of
@@ -32,7 +32,7 @@ class Positions:
 
     def __init__(self, layout: Layout) -> None:
         self.layout, self.rows = layout, Rows[Given](keep=layout.frames == 1)
-        body = BodyPose(self.rows, layout)
+        body = BodyVariables(self.rows, layout)
         toes = FreeToes(self.rows, layout, explicit=True)
         objective(self.rows, layout, body, toes)
         body.reach(toes, inner=True)

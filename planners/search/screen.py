@@ -14,7 +14,7 @@ from ..equilibrium.layout import Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import BodyPose, Forces, Given, HeldToes
+from ..equilibrium.terms import BodyVariables, Forces, Given, HeldToes
 from ..files.arrays import Array
 from ..projection.held import held_moments
 
@@ -49,7 +49,7 @@ class StandingTest:
 
     def __init__(self, layout: Layout, implied: bool) -> None:
         self._rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, forces = BodyPose(rows, layout), Forces.of_contacts(rows, layout)
+        body, forces = BodyVariables(rows, layout), Forces.of_contacts(rows, layout)
         forces.balance()
         held_moments(layout, body, forces).vanish(rows)
         forces.in_cones()

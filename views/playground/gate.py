@@ -103,7 +103,7 @@ def _guard(pages: Callable[[Any, Any], Any], names: frozenset[str]) -> Callable[
 def _connection(plain: Any) -> Any:
     """The kind of a connection whose messages are read by viser only where their values are of the right kinds."""
 
-    class Connection(plain):  # type: ignore[misc]
+    class GatedConnection(plain):  # type: ignore[misc]
         async def recv(self, *arguments: Any, **options: Any) -> Any:
             while True:
                 raw = await super().recv(*arguments, **options)
@@ -112,7 +112,7 @@ def _connection(plain: Any) -> Any:
                     return raw
                 log.warning("ignored: a page sent %s", fault)
 
-    return Connection
+    return GatedConnection
 
 
 def misfit(raw: Any) -> str:

@@ -10,7 +10,7 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.equilibrium.terms import BodyPose, Forces, Given
+from stancekit.planners.equilibrium.terms import BodyVariables, Forces, Given
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.held import held_moments
@@ -220,7 +220,7 @@ def test_what_one_stance_cannot_balance_is_no_others_to_leave(dog_plan: Plan, ea
     point, scaled = restoration.point(), scaled_of(dog_plan)
     beside = point.com + np.outer(np.arange(len(point.com)) == len(point.com) - 1, [1.0, 1.0, 0.0])
     rows = Rows[Given](keep=False)
-    body, forces = BodyPose(rows, scaled.layout), Forces.of_contacts(rows, scaled.layout)
+    body, forces = BodyVariables(rows, scaled.layout), Forces.of_contacts(rows, scaled.layout)
     forces.balance()
     rows.linear(held_moments(scaled.layout, body, forces).within(rows, each=each), 1.0)
     forces.in_cones()
