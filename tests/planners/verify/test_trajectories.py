@@ -596,7 +596,8 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
     A walker carries its URDF's model, which but one file of the verifier's looks at: that shares the robot's legs, and
     inverse kinematics that nothing is believed of until pinocchio has put the feet there. A robot of a file is read
     with what it touches with and with the hulls of its meshes, one by name by what reads robots, and a robot's legs are
-    asked for where they are drawn up; the words of a verdict are those of every report.
+    asked for where they are drawn up, or for their sets, which the verifier does not; the words of a verdict are those
+    of every report.
     """
     planners = Path(trajectories.__file__).parents[1]
     allowed = {
@@ -611,8 +612,8 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
     }  # fmt: skip
     todo, seen = ["verify/trajectories.py"], set()
     carried = {
-        "robot/contacts.py", "robot/hulls.py", "robot/leg.py", "robot/legged.py", "robot/robot_model.py",
-        "robot/shapes.py", "robot/urdf.py", "robot/walker.py",
+        "robot/contact_robot.py", "robot/contacts.py", "robot/hulls.py", "robot/leg.py", "robot/legged.py",
+        "robot/robot_model.py", "robot/shapes.py", "robot/urdf.py", "robot/walker.py",
         "answer/hindrance.py", "answer/report.py", "verify/trajectory_whole_body.py",
     }  # fmt: skip
     while todo:
