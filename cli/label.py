@@ -88,8 +88,7 @@ class LabelPostures:
 
     def run(self) -> int:
         """Label and sum up."""
-        from stancekit.datasets import executor
-        from stancekit.planners.problem.leap_classes import is_leap_class
+        from stancekit.datasets import executor, is_leap_class
 
         leaps = is_leap_class(self.problem)
         with as_options(*SETTINGS):
