@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import tyro
 
@@ -132,7 +132,6 @@ class PlanCourse:
         from stancekit.planners.answer.answer import Status
         from stancekit.planners.formats.leap_file import is_leap_file
         from stancekit.planners.formats.proof_file import write_proof
-        from stancekit.planners.problem.course import Course
 
         if is_leap_file(self.course):
             from .leap_plan import plan_leap
@@ -146,8 +145,7 @@ class PlanCourse:
             asked = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
             outcome = plan(question, planner, **asked, body=limits, time_limit_s=left_s)
-        course, report = outcome.problem, outcome.report
-        assert isinstance(course, Course)
+        course, report = cast("Course", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)
         proved = outcome.certificate is not None

@@ -33,6 +33,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "bench_gait": {
         TOOL: ("learners.evaluation", "learners.evaluation.gait_bench", "learners.evaluation.gait_figures"),
     },
+    "bench_leaps": {TOOL: ("learners.evaluation",)},
     "bench_planner": {TOOL: ("learners.evaluation", "learners.evaluation.planner_bench")},
     "bench_scenes": {
         TOOL: ("learners.evaluation", "planners.formats.plan_file"), DRAWS: ("views.plans", "views.sheet"),
@@ -60,7 +61,8 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "leap_plan": {
         CHOICES: ("planners.answer.answer", "planners.leap.finder"),
-        LATER: ("planners.formats.leap_file", "planners.verify.leap_proof"),
+        LATER: ("planners.formats.leap_file", "planners.verify"),
+        DRAWS: ("views.leaps", "views.page", "views.sheet", "views.video"),
     },
     "main": {TOOL: ("planners.plugins",)},
     "options": {CHOICES: ("planners.search.methods",), DRAWS: ("views.film", "views.page", "views.sheet")},
