@@ -281,13 +281,20 @@ class PlanCourse:
         """Everything as one JSON object."""
         from stancekit.planners.answer.report import or_null, plan_arrays
 
-        numbers = ("objective", "bound", "residual", "compile_s", "seconds", "solver_seconds")
+        numbers = {
+            "objective": outcome.objective,
+            "bound": outcome.bound,
+            "residual": outcome.residual,
+            "compile_s": outcome.effort.compile_s,
+            "seconds": outcome.effort.seconds,
+            "solver_seconds": outcome.effort.solver_s,
+        }
         record: dict[str, Any] = {
             "course": course.name,
             "frames": course.frames,
             "planner": outcome.method,
             "status": outcome.status.value,
-            **{name: or_null(getattr(outcome, name)) for name in numbers},
+            **{name: or_null(value) for name, value in numbers.items()},
             "solves": outcome.effort.solves,
             "sets": outcome.sets,
             "claim": outcome.claim,

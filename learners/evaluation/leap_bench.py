@@ -24,7 +24,7 @@ from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
 from stancekit.planners.leap.nlp import LeapNlp
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.rule import Rule
-from stancekit.planners.leap.scp import FRICTION_SHARE, REACH_RESERVE_M, plan_from, plan_of
+from stancekit.planners.leap.scp import plan_from, plan_of
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
@@ -82,10 +82,7 @@ class LeapBenchSettings:
     @property
     def shared(self) -> dict[str, Any]:
         """What rows have in common: those measured with other values are not gone on with."""
-        return {
-            name: getattr(self, name)
-            for name in ("distribution", "seed", "solves", "ipopt_s")
-        }
+        return {name: getattr(self, name) for name in ("distribution", "seed", "solves", "ipopt_s")}
 
 
 def run(
@@ -222,9 +219,7 @@ class _Bench:
         )
         key = (leap.timings_s[timing], corners, leap.holds.tobytes())
         if key not in self._nlps:
-            self._nlps[key] = LeapNlp(
-                leap, timing, corners=corners, share=FRICTION_SHARE, reserve_m=REACH_RESERVE_M
-            )
+            self._nlps[key] = LeapNlp(leap, timing, corners=corners, reserve=True)
         return self._nlps[key]
 
     def _proof(self, leap: Leap) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """A leap with given contacts as one nonlinear program for IPOPT: moments, rotations and powers as they are.
 
-It shares nothing with the convex steps (``scp``), the cuts and the proofs but the question, and is what they are held
-against.
+It shares nothing with the convex steps (``scp``), the cuts and the proofs but the question and what plans keep in
+reserve, and is what they are held against.
 """
 
 from __future__ import annotations
@@ -19,8 +19,12 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
 from .numbers import LeapNumbers
+from .scp import FRICTION_SHARE, HEIGHT_RESERVE_M, REACH_RESERVE_M, TILT_RESERVE_RAD
+from .terms import SPEED_RESERVE
 
 Ask = Callable[[Any, float, float], None]
+RESERVES = (REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD, SPEED_RESERVE)
+"""Kept of reach and height [m] and of tilt [rad]; the share of speed and power that is used."""
 SOLVED = 1e-3
 """Largest violation at which a point counts as a leap: m, units of the weight, m²/s over its limit, rad."""
 
@@ -45,20 +49,18 @@ class LeapNlp:
     The variables are toes, forces in units of the weight, constant in intervals, and the body's state at the ends of
     intervals, which the polynomials of an interval tie together (multiple shooting).
 
-    leap: one of those leaps. timing: which of its timings. corners: most corners of a patch. share: of the friction.
-    reserve_m: kept of reach and heights, as instants between the program's own are judged, too [m].
+    leap: one of those leaps. timing: which of its timings. corners: most corners of a patch. reserve: keep of friction,
+    reach, height, tilt and speed what plans keep, as instants between the program's own are judged, too.
     """
 
     def __init__(
-        self,
-        leap: Leap,
-        timing: int = 0,
-        *,
-        corners: int = 3,
-        share: float = 1.0,
-        reserve_m: float = 0.0,
+        self, leap: Leap, timing: int = 0, *, corners: int = 3, reserve: bool = False
     ) -> None:
-        self.leap, self.corners, self._share, self._reserve = leap, corners, share, reserve_m
+        self.leap, self.corners = leap, corners
+        self._share = FRICTION_SHARE if reserve else 1.0
+        self._reach_m, self._height_m, self._tilt_rad, self._speed = (
+            RESERVES if reserve else (0.0, 0.0, 0.0, 1.0)
+        )
         self.times = leap.times_s(timing)
         self.holds = leap.holds[leap.interval_phases]
         self.contacts = [
@@ -224,10 +226,12 @@ class LeapNlp:
             still = (k == 0 and leap.still[0]) or (k == len(self.holds) - 1 and leap.still[1])
             if still:
                 ask(a, 0.0, 0.0)
-                ask(at(dt)[2] / unit, -1e-3, 1e-3)
+                for rest in (spun, at(dt)[2]):
+                    ask(rest / unit, -1e-4, 1e-4)
             for t in (0.0, 0.5 * dt, dt):
                 com, speed, momentum, angle = at(t)
-                ask(angle, -limits.tilt_rad, limits.tilt_rad)
+                tilt = limits.tilt_rad - self._tilt_rad
+                ask(angle, -tilt, tilt)
                 for n, i, j in own:
                     if t == 0.0 and k > 0 and self.holds[k - 1, i] == j:
                         continue  # the end of the interval before asked
@@ -261,24 +265,25 @@ class LeapNlp:
         cross = ca.skew(angle)
         turn = ca.SX.eye(3) + cross + 0.5 * cross @ cross
         away = p - com - turn @ ca.DM(limb.shoulder_m)
-        ask(ca.sumsqr(away), -np.inf, (limb.reach_m - self._reserve) ** 2)
+        ask(ca.sumsqr(away), -np.inf, (limb.reach_m - self._reach_m) ** 2)
         if limb.reach_rows is not None:
             own = turn.T @ (p - com)
             ask(
                 ca.DM(limb.reach_rows.normals) @ own - ca.DM(limb.reach_rows.bounds_m),
                 -np.inf,
-                -0.5 * self._reserve,
+                -self._height_m,
             )
-        ask(com[2] - p[2], leap.limits.height_m + 0.5 * self._reserve, np.inf)
+        ask(com[2] - p[2], leap.limits.height_m + self._height_m, np.inf)
         arm = turn @ ca.DM(leg.hip_m)
         hip = com + arm - p
-        ask(ca.sumsqr(hip), (leg.fold_m + 0.5 * self._reserve) ** 2, np.inf)
+        ask(ca.sumsqr(hip), (leg.fold_m + self._height_m) ** 2, np.inf)
         moves = speed + ca.cross(spin @ momentum, arm)
         if np.isfinite(leg.speed_m_s):
             rate = ca.dot(hip, moves) / ca.sqrt(ca.sumsqr(hip) + 1e-9)
-            ask(rate, -leg.speed_m_s, leg.speed_m_s)
+            speed_m_s = self._speed * leg.speed_m_s
+            ask(rate, -speed_m_s, speed_m_s)
         if np.isfinite(leg.power_w):
-            most = leg.power_w / leap.weight_n
+            most = self._speed * leg.power_w / leap.weight_n
             ask(ca.dot(force, moves), -most, most)
 
 
@@ -287,7 +292,9 @@ def _worst(rows: Any, low: list[float], high: list[float]) -> Any:
     return ca.mmax(ca.fmax(rows - ca.DM(high), ca.DM(low) - rows))
 
 
-def _after(c: Any, v: Any, spun: Any, turn: Any, total: Any, twist: Any, spin: Any, t: float) -> tuple[Any, ...]:
+def _after(
+    c: Any, v: Any, spun: Any, turn: Any, total: Any, twist: Any, spin: Any, t: float
+) -> tuple[Any, ...]:
     """c, v, L and Θ after t seconds of an interval of constant forces, as polynomials.
 
     ∫ c = c t + v t²/2 + a t³/6; L = L₀ + t Σ p × f − ∫ c × F; and once more for Θ.
