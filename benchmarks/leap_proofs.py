@@ -3,8 +3,8 @@
     python benchmarks/leap_proofs.py --choices 300 --scenes 50 --cuts 20000 --forged 200
 
 Choices that a Farkas cut refutes, and the most favourable choices of scenes that a certificate refutes, are given to
-IPOPT (casadi) from five starts: a program with the moments as they are, of forces, toes and the body, written here and
-sharing nothing with the package but the question. Whatever it finds is put to the judge below. Cuts are evaluated on
+IPOPT (casadi) from five starts: a program with the moments as they are, of forces, toes and the body, which shares
+nothing with the finder, its cuts and their check but the question (``planners/leap/nlp.py``). Whatever it finds is put to the judge below. Cuts are evaluated on
 choices that were solved; forged leaps are put to the verifier.
 """
 
@@ -15,7 +15,6 @@ import json
 import time
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from stancekit.planners.answer.answer import Status
@@ -23,190 +22,13 @@ from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.cuts import MARGIN, proof_cut, ray
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
+from stancekit.planners.leap.nlp import LeapNlp
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import attempt, plan_of
-from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
 G = 9.81
-SOLVED = 1e-3
-"""Largest violation at which a point counts as a leap: m, units of the weight, m²/s over its limit, rad."""
-
-
-class Nlp:
-    """One choice of patches as a nonlinear program; forces in units of the weight, constant in intervals.
-
-    The variables are toes, forces and the body's state at the ends of intervals, which the polynomials of an interval
-    tie together (multiple shooting).
-    """
-
-    def __init__(self, leap: Leap, timing: int, choice: np.ndarray) -> None:
-        self.leap, self.choice = leap, choice
-        self.times = leap.times_s(timing)
-        self.holds = leap.holds[leap.interval_phases]
-        self.contacts = [(k, i, int(j)) for k, row in enumerate(self.holds) for i, j in enumerate(row) if j >= 0]
-        toes, forces = ca.SX.sym("p", len(leap.footholds), 3), ca.SX.sym("f", len(self.contacts), 3)
-        rows: list[Any] = []
-        low: list[float] = []
-        high: list[float] = []
-
-        def ask(value: Any, least: float, most: float) -> None:
-            flat = ca.vec(value)
-            rows.append(flat)
-            low.extend([least] * flat.numel())
-            high.extend([most] * flat.numel())
-
-        self._toes(toes, ask)
-        self._cones(forces, ask)
-        states = ca.SX.sym("s", len(self.holds) + 1, 12)
-        self._body(toes, forces, states, ask)
-        x = ca.vertcat(ca.vec(toes.T), ca.vec(forces.T), ca.vec(states.T))
-        options = {"print_time": False, "ipopt": {"print_level": 0, "max_iter": 80, "tol": 1e-6, "sb": "yes"}}
-        problem = {"x": x, "f": 1e-4 * ca.sumsqr(forces), "g": ca.vertcat(*rows)}
-        self.solver = ca.nlpsol("leap", "ipopt", problem, options)
-        self.violation = ca.Function("violation", [x], [self._worst(ca.vertcat(*rows), low, high)])
-        self.low, self.high = low, high
-
-    def tried(self, starts: int, rng: np.random.Generator) -> float:
-        """The least violation that IPOPT reaches from several starts."""
-        middles = np.array([self.leap.patch(j, self.choice).vertices_m.mean(axis=0) for j in range(len(self.choice))])
-        count = np.bincount([k for k, *_ in self.contacts], minlength=len(self.holds))
-        best = np.inf
-        for start in range(starts):
-            noise = 0.0 if start == 0 else 0.3
-            forces = []
-            for k, _, j in self.contacts:
-                share = 1.6 / count[k]
-                normal = self.leap.patch(j, self.choice).normal
-                forces.append(share * (0.5 * normal + [0.0, 0.0, 0.5]) + noise * share * rng.normal(size=3))
-            toes = middles + (0.0 if start == 0 else 0.01) * rng.normal(size=middles.shape)
-            x0 = np.concatenate([toes.ravel(), np.ravel(forces), self._straight().ravel()])
-            found = self.solver(x0=x0, lbg=self.low, ubg=self.high)
-            best = min(best, float(self.violation(found["x"])))
-            if best <= SOLVED:
-                break
-        return best
-
-    def _worst(self, rows: Any, low: list[float], high: list[float]) -> Any:
-        over = ca.fmax(rows - ca.DM(high), ca.DM(low) - rows)
-        return ca.mmax(over)
-
-    def _toes(self, toes: Any, ask: Any) -> None:
-        """Every toe in its patch."""
-        for j in range(len(self.leap.footholds)):
-            patch, foothold = self.leap.patch(j, self.choice), self.leap.footholds[j]
-            p = toes[j, :].T
-            if foothold.toe_m is not None:
-                ask(p - ca.DM(foothold.toe_m), 0.0, 0.0)
-                continue
-            middle = patch.vertices_m.mean(axis=0)
-            ask(ca.dot(ca.DM(patch.normal), p - ca.DM(middle)), 0.0, 0.0)
-            for a, b in zip(patch.vertices_m, np.roll(patch.vertices_m, -1, axis=0), strict=True):
-                outward = np.cross(b - a, patch.normal)
-                outward *= np.sign(outward @ (a - middle)) / np.linalg.norm(outward)
-                ask(ca.dot(ca.DM(outward), p - ca.DM(a)), -np.inf, 0.0)
-
-    def _cones(self, forces: Any, ask: Any) -> None:
-        """Cones with all of the friction, and the largest forces."""
-        limits = self.leap.limits
-        stands = self.holds >= 0
-        for n, (k, i, j) in enumerate(self.contacts):
-            patch = self.leap.patch(j, self.choice)
-            f = forces[n, :].T
-            normal = ca.dot(ca.DM(patch.normal), f)
-            lands = k > 0 and not stands[k - 1, i]
-            lifts = k + 1 < len(stands) and not stands[k + 1, i]
-            ask(normal, 0.0, limits.force_share * (limits.ramp if lands or lifts else 1.0))
-            ask(ca.dot(f, f) - (1.0 + patch.friction**2) * normal**2, -np.inf, 0.0)
-
-    def _straight(self) -> np.ndarray:
-        """States on the straight line from start to goal, shape (M + 1, 12)."""
-        leap, share = self.leap, (self.times / self.times[-1])[:, None]
-        states = np.zeros((len(self.times), 12))
-        states[:, :3] = leap.start.com_m + share * (leap.goal.com_m - leap.start.com_m)
-        states[:, 3:6] = (leap.goal.com_m - leap.start.com_m) / self.times[-1]
-        return states
-
-    def _body(self, toes: Any, forces: Any, states: Any, ask: Any) -> None:
-        """The body's motion, and what limits it, at the ends and the middles of intervals."""
-        leap, limits = self.leap, self.leap.limits
-        spin = ca.DM(np.linalg.inv(leap.robot.inertia / leap.robot.mass_kg))
-        names = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad")
-        unit = limits.momentum_m2_s
-        scales = (1.0, 1.0, 1.0 / unit, 1.0)
-
-        def state_at(k: int) -> list[Any]:
-            """c, v, L and Θ at the end of an interval; L is a variable in units of its limit."""
-            row = states[k, :].T
-            return [row[3 * q : 3 * q + 3] / scales[q] for q in range(4)]
-
-        first = ca.vertcat(*(s * ca.DM(getattr(leap.start, name)) for s, name in zip(scales, names, strict=True)))
-        ask(states[0, :].T - first, 0.0, 0.0)
-        c, v, spun, turn = state_at(0)
-        for k in range(len(self.holds)):
-            dt = float(self.times[k + 1] - self.times[k])
-            own = [(n, i, j) for n, (q, i, j) in enumerate(self.contacts) if q == k]
-            total, twist = ca.SX.zeros(3), ca.SX.zeros(3)
-            for n, _, j in own:
-                f = forces[n, :].T
-                total += G * f
-                twist += G * ca.cross(toes[j, :].T, f)
-            a = total - ca.DM([0.0, 0.0, G])
-
-            def at(t: float, c=c, v=v, spun=spun, turn=turn, a=a, total=total, twist=twist) -> tuple[Any, ...]:
-                """c, v, L and Θ after t seconds of an interval, as polynomials."""
-                # ∫ c = c t + v t²/2 + a t³/6; L = L₀ + t Σ p × f − ∫ c × F; and once more for Θ
-                once = c * t + v * t**2 / 2 + a * t**3 / 6
-                twice = c * t**2 / 2 + v * t**3 / 6 + a * t**4 / 24
-                momentum = spun + t * twist - ca.cross(once, total)
-                angle = turn + spin @ (spun * t + twist * t**2 / 2 - ca.cross(twice, total))
-                return c + v * t + a * t**2 / 2, v + a * t, momentum, angle
-
-            still = (k == 0 and leap.still[0]) or (k == len(self.holds) - 1 and leap.still[1])
-            if still:
-                ask(a, 0.0, 0.0)
-                ask(at(dt)[2] / unit, -1e-3, 1e-3)
-            for t in (0.0, 0.5 * dt, dt):
-                com, speed, momentum, angle = at(t)
-                ask(angle, -limits.tilt_rad, limits.tilt_rad)
-                for n, i, j in own:
-                    if t == 0.0 and k > 0 and self.holds[k - 1, i] == j:
-                        continue  # the end of the interval before asked
-                    self._leg(toes[j, :].T, com, speed, momentum, angle, forces[n, :].T, i, spin, ask)
-            after = ca.vertcat(*(s * part for s, part in zip(scales, at(dt), strict=True)))
-            ask(states[k + 1, :].T - after, 0.0, 0.0)
-            c, v, spun, turn = state_at(k + 1)
-            ask(spun / unit, -1.0, 1.0)
-        ask(ca.sumsqr(c - ca.DM(leap.goal.com_m)), -np.inf, leap.goal_radius_m**2)
-        ask(v - ca.DM(leap.goal.velocity_m_s), 0.0, 0.0)
-        ask((spun - ca.DM(leap.goal.momentum_m2_s)) / unit, 0.0, 0.0)
-        ask(turn, -limits.goal_tilt_rad, limits.goal_tilt_rad)
-
-    def _leg(
-        self, p: Any, com: Any, speed: Any, momentum: Any, angle: Any, force: Any, i: int, spin: Any, ask: Any
-    ) -> None:
-        """Reach, height, length, speed and power of a leg at one instant, by the rotation I + [Θ]× + ½ [Θ]×²."""
-        leap, limb = self.leap, self.leap.robot.limbs[i]
-        leg = leap.leg(limb)
-        cross = ca.skew(angle)
-        turn = ca.SX.eye(3) + cross + 0.5 * cross @ cross
-        away = p - com - turn @ ca.DM(limb.shoulder_m)
-        ask(ca.sumsqr(away), -np.inf, limb.reach_m**2)
-        if limb.reach_rows is not None:
-            own = turn.T @ (p - com)
-            ask(ca.DM(limb.reach_rows.normals) @ own - ca.DM(limb.reach_rows.bounds_m), -np.inf, 0.0)
-        ask(com[2] - p[2], leap.limits.height_m, np.inf)
-        arm = turn @ ca.DM(leg.hip_m)
-        hip = com + arm - p
-        ask(ca.sumsqr(hip), leg.fold_m**2, np.inf)
-        moves = speed + ca.cross(spin @ momentum, arm)
-        if np.isfinite(leg.speed_m_s):
-            rate = ca.dot(hip, moves) / ca.sqrt(ca.sumsqr(hip) + 1e-9)
-            ask(rate, -leg.speed_m_s, leg.speed_m_s)
-        if np.isfinite(leg.power_w):
-            most = leg.power_w / leap.weight_n
-            ask(ca.dot(force, moves), -most, most)
 
 
 def forged(plan: LeapPlan, size: float, kind: str, rng: np.random.Generator) -> LeapPlan:
@@ -390,7 +212,7 @@ def refuted_scenes(options: argparse.Namespace, programs: Programs) -> None:
             solved += found.solved
         best = LeapFinder().rule.scores(numbers).argmax(axis=1)
         nlp += 1
-        nlp_solved += Nlp(leap, 0, best).tried(5, rng) <= SOLVED
+        nlp_solved += LeapNlp(leap).from_starts(leap, best, 5, rng).solved
     say("refuted scenes", scenes=scenes, drawn=index, random_tries=tries, solved=solved, nlp=nlp,
         nlp_solved=nlp_solved, cpu_s=time.process_time() - begin)  # fmt: skip
 
@@ -414,7 +236,7 @@ def refuted_choices(options: argparse.Namespace, programs: Programs) -> None:
                 continue
             of_scene += 1
             count[kind] += 1
-            agrees[kind] += Nlp(leap, 0, found.choice).tried(5, rng) <= SOLVED
+            agrees[kind] += LeapNlp(leap).from_starts(leap, found.choice, 5, rng).solved
     say("choices by IPOPT from 5 starts", refuted=count["refuted"], refuted_and_solved=agrees["refuted"],
         solved_by_scp=count["solved"], solved_by_both=agrees["solved"], cpu_s=time.process_time() - begin)  # fmt: skip
 

@@ -9,6 +9,7 @@ import tyro
 
 from .bench_envelopes import BenchEnvelopes
 from .bench_gait import BenchGait
+from .bench_leaps import BenchLeaps
 from .bench_planner import BenchPlanner
 from .bench_scenes import BenchScenes
 
@@ -21,6 +22,7 @@ class Bench:
         Annotated[BenchEnvelopes, tyro.conf.subcommand("envelopes", prefix_name=False)]
         | Annotated[BenchPlanner, tyro.conf.subcommand("planner", prefix_name=False)]
         | Annotated[BenchScenes, tyro.conf.subcommand("scenes", prefix_name=False)]
+        | Annotated[BenchLeaps, tyro.conf.subcommand("leaps", prefix_name=False)]
         | Annotated[BenchGait, tyro.conf.subcommand("gait", prefix_name=False)]
     )
 

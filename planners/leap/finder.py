@@ -159,15 +159,11 @@ class LeapSearch:
 
         order: another one than the method's; it goes on from what the search has tried and learned so far.
         """
-        method, k = self._method, 0
+        method = self._method
         self._order, self._before = order or method.order, self.tries
         for timing in self._timings:
             timing.exhausted = False  # another order may find what this one's did not
-        while self.solves < method.solves and not all(each.exhausted for each in self._timings):
-            self.last = timing = self._timings[k % len(self._timings)]
-            k += 1
-            if timing.exhausted:
-                continue
+        for timing in self._turns():
             choice = self._choice(timing)
             if choice is None:
                 timing.exhausted = True
@@ -177,6 +173,28 @@ class LeapSearch:
             self.solves += found.solves
             self._learn(timing, found)
             yield found
+            if self.solves >= method.solves:
+                return
+
+    def choices(self) -> Iterator[tuple[int, Index]]:
+        """Choices as ``attempts`` would try them, each with its timing, for whoever tries them in another way."""
+        for timing in self._turns():
+            choice = self._choice(timing)
+            if choice is None:
+                timing.exhausted = True
+                continue
+            self.tries += 1
+            timing.picker.tried.add(tuple(choice.tolist()))
+            yield timing.numbers.timing, choice
+
+    def _turns(self) -> Iterator[_Timing]:
+        """The timings in turn, until nothing is left to try on any."""
+        k = 0
+        while not all(each.exhausted for each in self._timings):
+            self.last = timing = self._timings[k % len(self._timings)]
+            k += 1
+            if not timing.exhausted:
+                yield timing
 
     def proofs(self, deadline: float) -> list[ProofSearch]:
         """A search for a proof for every timing, until one has none."""

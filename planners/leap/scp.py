@@ -161,16 +161,20 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
 
 
 def plan_of(numbers: LeapNumbers, found: Attempt, method: str) -> LeapPlan:
-    """The plan of an attempt, what its body does worked out from its forces."""
-    point, leap = found.point, numbers.leap
-    assert point is not None
-    forces = np.zeros((numbers.intervals, len(leap.robot.limbs), 3))
-    forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * leap.weight_n
-    return plan_from(numbers, found.choice, point.toes, forces, method)
+    """The plan of an attempt."""
+    assert found.point is not None
+    return plan_at(numbers, found.choice, found.point, method)
+
+
+def plan_at(numbers: LeapNumbers, choice: Index, point: LeapPoint, method: str) -> LeapPlan:
+    """The plan of a point's toes and forces on chosen patches."""
+    forces = np.zeros((numbers.intervals, len(numbers.leap.robot.limbs), 3))
+    forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * numbers.leap.weight_n
+    return plan_from(numbers, choice, point.toes, forces, method)
 
 
 def plan_from(numbers: LeapNumbers, choice: Index, toes_m: Array, forces_n: Array, method: str) -> LeapPlan:
-    """The plan of toes and forces, what the body does worked out from them.
+    """The plan of toes and forces on chosen patches, what the body does worked out from them.
 
     choice: a candidate per foothold, shape (P,); toes_m: shape (P, 3); forces_n: of every limb in every interval, shape
     (M, N, 3).

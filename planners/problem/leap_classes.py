@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Annotated
 
@@ -14,11 +15,19 @@ from ..files.documents import read_yaml
 from ..files.validation import validated
 from ..robot.leg_limits import leaping_robot
 from ..robot.model import LegLimits, Limb, Robot
+from ..terrain.families import HIGH_X_M, LOW_X_M, FamilyTerrain, family_terrain
 from ..terrain.patch import Patch
+from ..terrain.polygon import STEEP, half_planes
+from .candidates import CandidatePatches
 from .foothold import Foothold
 from .leap import BodyState, Leap, LeapLimits, Phase
+from .terrain_spec import Terrain
 
 Range = tuple[float, float]
+DRAWS = 200
+"""Scenes of a family are drawn so often until one has footholds for every toe."""
+MIDDLE_M = 0.5 * (LOW_X_M + HIGH_X_M)
+"""Leaps go over the middle of a family's scene [m]."""
 
 
 class LeapClass(BaseModel):
@@ -27,7 +36,9 @@ class LeapClass(BaseModel):
     robot: "nameless" or a robot's name. height_m: of the body over its toes at both ends. jump_m: ahead; aside_m,
     rise_m: of the goal. toes_m: nominal place of the first limb's toe (ahead, aside), mirrored for the others.
     spread_m: how far candidates lie from it, along each axis, and drop_m up and down. radius_m: of the triangular
-    patches; steep_deg: their inclination. candidates: per toe; given: whether the toes of the first stance stand
+    patches; steep_deg: their inclination. terrain: a family of terrain in
+    place of such patches, at a level in ``level``: candidates are pieces of its surfaces, ``window_m`` wide, the nearest
+    to the toe's place first, and the ground says how high the goal is. candidates: per toe; given: whether the toes of the first stance stand
     already, on level ground of friction stands. intervals, timings_s: of stance, flight, stance.
     """
 
@@ -50,24 +61,75 @@ class LeapClass(BaseModel):
     timings_s: tuple[tuple[float, float, float], ...] = ((0.32, 0.32, 0.32),)
     goal_radius_m: float = 0.06
     limits: dict[str, float] = {}
+    terrain: str = ""
+    level: Range = (0.2, 0.8)
+    window_m: float = 0.12
 
     def draw(self, rng: np.random.Generator, name: str = "leap") -> Leap:
         """Draw a leap of the class."""
+        if self.terrain:
+            return self._on_terrain(rng, name)
         robot = _robot(self.robot)
-        limbs = robot.limb_names
         start = np.array([0.0, 0.0, self.height_m])
         ahead, aside, rise = (rng.uniform(*ends) for ends in (self.jump_m, self.aside_m, self.rise_m))
         goal = start + np.array([ahead, aside, rise])
         footholds = []
         for phase, com in ((0, start), (2, goal)):
             for limb in robot.limbs:
-                signs = np.sign(limb.shoulder_m[:2])
-                nominal = com + np.array([*(signs * np.array(self.toes_m)), -self.height_m])
+                nominal = com + self._toe(limb, -self.height_m)
                 if phase == 0 and self.given:
                     footholds.append(_standing(limb.name, nominal, self.stands))
                     continue
                 patches = [self._patch(nominal, rng) for _ in range(self.candidates)]
                 footholds.append(Foothold(limb=limb.name, frame=phase, candidates=tuple(patches)))
+        return self._leap(name, robot, footholds, start, goal)
+
+    def _toe(self, limb: Limb, down_m: float) -> Array:
+        """The nominal place of a limb's toe from the body, shape (3,) [m]."""
+        return np.array([*(np.sign(limb.shoulder_m[:2]) * np.array(self.toes_m)), down_m])
+
+    def _on_terrain(self, rng: np.random.Generator, name: str) -> Leap:
+        """Draw a leap over a scene of the family, in which every toe has somewhere to stand."""
+        robot = _robot(self.robot)
+        for _ in range(DRAWS):
+            level, seed = float(rng.uniform(*self.level)), int(rng.integers(2**31))
+            scene = family_terrain(self.terrain, level, seed)
+            half = 0.5 * np.array([rng.uniform(*self.jump_m), rng.uniform(*self.aside_m)])
+            middle = np.array([MIDDLE_M + rng.uniform(-0.1, 0.1), 0.0])
+            first, last = (self._place(scene, robot, middle + side * half) for side in (-1.0, 1.0))
+            if first is not None and last is not None:
+                footholds = [
+                    Foothold(limb=limb.name, frame=phase, candidates=pieces)
+                    for phase, (_, found) in ((0, first), (2, last))
+                    for limb, pieces in zip(robot.limbs, found, strict=True)
+                ]
+                return self._leap(name, robot, footholds, first[0], last[0])
+        raise InvalidInput(
+            f"{name}: expected scenes of {self.terrain} with footholds for every toe, drew {DRAWS} without"
+        )
+
+    def _place(
+        self, scene: FamilyTerrain, robot: Robot, xy_m: Array
+    ) -> tuple[Array, list[tuple[Patch, ...]]] | None:
+        """Where the body is over a place, and the candidates of every toe; None where a toe has none."""
+        toes = [xy_m + self._toe(limb, 0.0)[:2] for limb in robot.limbs]
+        ground = [height for toe in toes if (height := _height(scene.patches, toe)) is not None]
+        if not ground:
+            return None
+        com = np.array([*xy_m, float(np.mean(ground)) + self.height_m])
+        surfaces = CandidatePatches(Terrain(scene.patches, scene.footing), 0.0)
+        found = []
+        for limb in robot.limbs:
+            toe = com + self._toe(limb, -self.height_m)
+            pieces = surfaces.candidates(limb, com + limb.shoulder_m, toe, self.candidates, self.window_m)
+            if not pieces:
+                return None
+            found.append(tuple(piece for _, piece in pieces))
+        return com, found
+
+    def _leap(self, name: str, robot: Robot, footholds: list[Foothold], start: Array, goal: Array) -> Leap:
+        """The leap from one place to another."""
+        limbs = robot.limb_names
         stance = [Phase(limbs=limbs, intervals=self.intervals[k]) for k in (0, 2)]
         flight = Phase(limbs=(), intervals=self.intervals[1])
         return Leap(
@@ -130,6 +192,19 @@ def _classes() -> dict[str, LeapClass]:
 @lru_cache(maxsize=8)
 def _robot(name: str) -> Robot:
     return nameless() if name == "nameless" else leaping_robot(name)
+
+
+def _height(patches: Sequence[Patch], xy_m: Array) -> float | None:
+    """The height of the highest surface that faces up at a place [m]; None over a void."""
+    found = []
+    for patch in patches:
+        if patch.normal[2] < STEEP:
+            continue
+        normals, offsets = half_planes(patch.vertices_m[:, :2])
+        if np.all(normals @ xy_m <= offsets):
+            lean = (xy_m - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+            found.append(float(patch.centre_m[2] - lean))
+    return max(found, default=None)
 
 
 def nameless() -> Robot:
