@@ -170,7 +170,7 @@ def plan_of(numbers: LeapNumbers, found: LeapAttempt, method: str) -> LeapPlan:
 
 
 def plan_from(numbers: LeapNumbers, choice: Index, toes_m: Array, forces_n: Array, method: str) -> LeapPlan:
-    """The plan of toes and forces, what the body does worked out from them.
+    """The plan of toes and forces on chosen patches, what the body does worked out from them.
 
     choice: a candidate per foothold, shape (P,); toes_m: shape (P, 3); forces_n: of every limb in every interval, shape
     (M, N, 3).

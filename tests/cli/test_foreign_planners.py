@@ -124,7 +124,9 @@ Empty, EmptyPosture = (returning(object.__new__(kind)) for kind in (stancekit.An
 Raises, Leaves, LeavesQuietly = raising(ValueError("so\\nit is")), raising(SystemExit("bye")), raising(SystemExit(0))
 Piped, Deep, Silent = raising(BrokenPipeError("pipe")), raising(RecursionError("deep")), raising(Wordless())
 PostureText, ProofNumber, StatusText = said(solution="here"), said(certificate=3), said(status="maybe")
-Message, Claim, Details, Solves = said(message=object()), said(claim=b"x"), said(details={"a": []}), said(effort=stancekit.Effort(solves="x"))
+Message, Claim, Details, Solves = said(message=object()), said(claim=b"x"), said(details={"a": []}), said(
+    effort=stancekit.Effort(solves="x")
+)
 CourseMessage, CourseProof = told(message=object()), told(certificate="no")
 Blank = returning(object.__new__(stancekit.Plan))
 
