@@ -68,7 +68,7 @@ SECTIONS = (
     Section("Data sets", "`header.json` of `stancekit/dataset/1` (postures) and of `stancekit/tries/1` (leaps), and "
             "`timing-N.json`; written by the program.",
             ("envs.data.ledger:Header", "envs.data.label_plan:LabelPlan", "envs.data.ledger:TryHeader",
-             "envs.data.label_plan:TryPlan", "envs.data.ledger:Timing")),
+             "envs.data.label_plan:TryPlan", "envs.data.ledger:ShardTiming")),
 )  # fmt: skip
 
 INTERNAL = {

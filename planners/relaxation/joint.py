@@ -86,7 +86,7 @@ class JointRelaxation:
     def margin(
         cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
     ) -> RelaxationAnswer:
-        """The signed margin over one box (``table.Relaxation``)."""
+        """The signed margin over one box (``table.RelaxedProgram``)."""
         return programs.get(cls, scaled.layout, True).solve(scaled, box, gradient=gradient)
 
     @classmethod
@@ -97,7 +97,7 @@ class JointRelaxation:
         boxes: Sequence[Sequence[Envelope]],
         points: Sequence[Array],
     ) -> list[RelaxationAnswer]:
-        """The one box of each problem, all of one layout (``table.Relaxation``)."""
+        """The one box of each problem, all of one layout (``table.RelaxedProgram``)."""
         if any(len(each) != 1 for each in boxes):
             raise InvalidInput(f"envelopes: expected one for joint, got {max(map(len, boxes))}")
         return programs.get(cls, scaled[0].layout).solve_each(scaled, [box for (box,) in boxes], points)

@@ -94,7 +94,7 @@ class LiftProgram:
     def margin(
         cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
     ) -> RelaxationAnswer:
-        """The least moment residual, whatever the box (``table.Relaxation``)."""
+        """The least moment residual, whatever the box (``table.RelaxedProgram``)."""
         return cls.answers(programs, [scaled], [[box]], [])[0]
 
     @classmethod
@@ -105,7 +105,7 @@ class LiftProgram:
         boxes: Sequence[Sequence[Envelope]],
         points: Sequence[Array],
     ) -> list[RelaxationAnswer]:
-        """The least moment residual of each problem (``table.Relaxation``)."""
+        """The least moment residual of each problem (``table.RelaxedProgram``)."""
         return [as_relaxation(solve_lift(programs, one, least_moment=True)) for one in scaled]
 
     def solve(self, scaled: Scaled) -> LiftAnswer:

@@ -106,7 +106,7 @@ class McCormick:
     def margin(
         cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
     ) -> RelaxationAnswer:
-        """The signed margin over one box (``table.Relaxation``)."""
+        """The signed margin over one box (``table.RelaxedProgram``)."""
         return programs.get(cls, scaled.layout).solve(scaled, box, gradient=gradient)
 
     @classmethod
@@ -117,7 +117,7 @@ class McCormick:
         boxes: Sequence[Sequence[Envelope]],
         points: Sequence[Array],
     ) -> list[RelaxationAnswer]:
-        """The best box of each problem, all of one layout (``table.Relaxation``)."""
+        """The best box of each problem, all of one layout (``table.RelaxedProgram``)."""
         return programs.get(cls, scaled[0].layout).solve_any_of_each(scaled, boxes)
 
     def reference(self, given: Boxed) -> Reference:

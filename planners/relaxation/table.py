@@ -60,7 +60,7 @@ RELAXATIONS: Registry[type[RelaxedProgram]] = Registry(
     "stancekit.relaxations",
     {
         "p1": "stancekit.planners.relaxation.mccormick:McCormick",
-        "joint": "stancekit.planners.relaxation.joint:Joint",
+        "joint": "stancekit.planners.relaxation.joint:JointRelaxation",
         "coned": "stancekit.planners.relaxation.coned:Coned",
         "lift": "stancekit.planners.relaxation.lift:LiftProgram",
     },

@@ -22,7 +22,7 @@ CHARTS: Registry[type[Chart]] = Registry(
     {
         "ambient": "stancekit.planners.gait.charts.ambient:Ambient",
         "shear": "stancekit.planners.gait.charts.shear:Shear",
-        "decoupled": "stancekit.planners.gait.charts.decoupled:Decoupled",
+        "decoupled": "stancekit.planners.gait.charts.decoupled:DecoupledChart",
         "warped": "stancekit.planners.gait.charts.warped:Warped",
         "warped-exact": "stancekit.planners.gait.charts.warped:WarpedExact",
     },
