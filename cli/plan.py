@@ -48,14 +48,14 @@ class PlanCourse:
     COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a family's ground as stairs:0.5:7
     (FAMILY:LEVEL:SEED), a published scene (anymal-stairs, talos-ramp, …), a YAML or JSON file of your own, or with
     --start and --goal a terrain's file or name, as `stancekit terrain` has them; a file of one posture problem is a
-    course of one frame. A file with phases, or with a distribution, is a leap: its planners are finder, farkas, rule,
-    noise and random.
+    course of one frame. A file with phases, or with a distribution, is a leap, and so is leap-hard:7 (CLASS:SEED): its
+    planners are finder, farkas, rule, noise and random.
 
       stancekit plan walls --frames 8 --out climb.json --picture climb.png
       stancekit plan icy-walls --html climb.html
       stancekit plan rubble.stl --start 0,0 --goal 2,0.5 --robot go1.urdf
       stancekit verify climb.json
-      stancekit plan leap.yaml --out leap.json
+      stancekit plan leap-hard:7 --out leap.json --picture leap.png
 
     A plan that is found has been accepted by a verifier that knows nothing of planners: every stance of every key
     frame, and the way between. status is feasible, infeasible (with a proof that was checked) or undecided (a limit was

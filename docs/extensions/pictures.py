@@ -20,6 +20,7 @@ HERE = Path(__file__).resolve().parents[1]
 IMAGES, ROOT = HERE / "images", HERE.parent
 PICTURES = {
     "gait.png": ("stancekit", "gait", "cone", "--start=-2,0", "--goal", "2,0", "--picture"),
+    "leap.png": ("stancekit", "plan", "leap-stones:3", "--picture"),
     "playground.png": (
         "python", "benchmarks/playground.py", "--courses", "icy-walls", "--size-px", "1500", "900", "--picture",
     ),

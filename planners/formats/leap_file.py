@@ -17,6 +17,7 @@ from ..files.documents import read_json, read_yaml
 from ..files.validation import shown
 from ..files.writing import write_text
 from ..problem.leap import Leap
+from ..problem.leap_classes import leap_classes
 from ..problem.leap_json import FORMAT, leap_from_keys, leap_to_json
 from ..robot.robot_file import YAML
 from ..verify.leap_proof import check_leap_certificate, explain_leap
@@ -36,7 +37,15 @@ class LeapFile:
 
 
 def read_leap(path: str | Path) -> LeapFile:
-    """Read a leap's file, JSON or YAML. Raises InvalidInput, in one line, for anything else."""
+    """Read a leap's file, JSON or YAML, or draw one by its name, CLASS:SEED as leap-hard:7.
+
+    Raises InvalidInput, in one line, for anything else.
+    """
+    if _is_drawn(path):
+        name, _, seed = str(path).partition(":")
+        if not (seed or "0").isdecimal():
+            raise InvalidInput(f"{path}: expected CLASS:SEED as {name}:7, with a seed of 0 or more")
+        return LeapFile(leap=leap_from_keys({"distribution": name, "seed": int(seed or "0")}, str(path)))
     data = read_yaml(path) if Path(path).suffix in YAML else read_json(path)
     if not is_leap(data):
         raise InvalidInput(f"{path}: expected a leap, with phases or a distribution, got {shown(data)}")
@@ -71,7 +80,9 @@ def is_leap(data: Any) -> bool:
 
 
 def is_leap_file(path: str | Path) -> bool:
-    """Whether a JSON or YAML file that is there holds a leap."""
+    """Whether a JSON or YAML file that is there holds a leap, or a name is that of a drawn one."""
+    if _is_drawn(path):
+        return True
     path = Path(path)
     if path.suffix not in (*YAML, ".json") or not path.is_file():
         return False
@@ -79,6 +90,11 @@ def is_leap_file(path: str | Path) -> bool:
         return is_leap(read_yaml(path) if path.suffix in YAML else read_json(path))
     except InvalidInput:
         return False
+
+
+def _is_drawn(path: str | Path) -> bool:
+    """Whether a name, and no file, is CLASS or CLASS:SEED of a class of leaps."""
+    return str(path).partition(":")[0] in leap_classes() and not Path(path).exists()
 
 
 def check_file(path: str | Path, *, why: bool = False) -> FileCheck:

@@ -92,3 +92,12 @@ def test_a_bad_leap_is_one_line_and_exit_code_2(stancekit, tmp_path, change, mes
 def test_a_question_alone_is_nothing_to_verify(stancekit, drawn):
     ran = stancekit("verify", drawn("leap", 0))
     assert (ran.code, "expected a leap with a plan or a certificate, got the question alone" in ran.err) == (2, True)
+
+
+def test_a_leap_is_drawn_by_its_name(stancekit):
+    ran = stancekit("plan", "leap-given:0", "--picture", "leap.png", "--html", "leap.html", "--json")
+    assert (ran.code, ran.records[0]["leap"], ran.records[0]["status"]) == (0, "leap-given-0", "feasible")
+    with open("leap.png", "rb") as file:
+        assert file.read(4) == b"\x89PNG"
+    wrong = stancekit("plan", "leap-given:x")
+    assert (wrong.code, "expected CLASS:SEED as leap-given:7" in " ".join(wrong.err.split())) == (2, True)

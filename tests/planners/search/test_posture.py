@@ -17,6 +17,7 @@ from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search import posture
 from stancekit.planners.search.answer import Acceptance, Claim
+from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner, settings_of
 from stancekit.planners.search.posture import TwoStagePlanner
@@ -36,7 +37,7 @@ def truth(programs, drawn):
 @pytest.fixture(scope="module")
 def learned(truth):
     """Quantile boxes of the first witnesses, two of them."""
-    points = np.array([Scaled.of(p).point(o.posture) for p, o in truth if o.status is Status.FEASIBLE])
+    points = np.array([Scaled.of(p).point(o.solution) for p, o in truth if o.status is Status.FEASIBLE])
     boxes = [Envelope(low=np.quantile(points, q, axis=0), high=np.quantile(points, 1 - q, axis=0)) for q in (0.2, 0.05)]
     return EnvelopeSet.for_problems("wall-3", [problem for problem, _ in truth], boxes)
 
@@ -178,17 +179,17 @@ def test_every_convex_solve_is_counted(programs, truth, learned):
 
 def test_no_claim_is_believed(truth):
     """Witness and certificate of other problems are refused, whoever brings them."""
-    infeasible = [(p, o) for p, o in truth if 1e-3 < o.lower_bound < 1.0]
+    infeasible = [(p, o) for p, o in truth if 1e-3 < o.bound < 1.0]
     (one, right), (_, wrong) = infeasible[:2]
-    accept = Acceptance().outcome
-    refused = accept(one, Claim(certificate=wrong.certificate, word="infeasible"), method="liar", begin=0.0)
+    accept = Acceptance().answer
+    refused = accept(one, Claim(certificate=wrong.certificate, word="infeasible"), method="liar", clock=Clock.start())
     assert refused.status is Status.UNDECIDED
     assert refused.certificate is None
     assert refused.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
-    witness = next(o.posture for _, o in truth if o.status is Status.FEASIBLE)
-    both = accept(one, Claim(found=witness, certificate=right.certificate), method="liar", begin=0.0)
+    witness = next(o.solution for _, o in truth if o.status is Status.FEASIBLE)
+    both = accept(one, Claim(found=witness, certificate=right.certificate), method="liar", clock=Clock.start())
     assert both.status is Status.INFEASIBLE
-    assert both.posture is None
+    assert both.solution is None
     assert both.residual > 1e-3
 
 
@@ -254,7 +255,7 @@ def test_planners_are_made_by_name(learned):
 
 def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):
     """Where a residual is bounded away from 0 but below the gap, nothing is refused and nothing found."""
-    problem, exact = next((p, o) for p, o in truth if 1e-3 < o.lower_bound < 1.0)
+    problem, exact = next((p, o) for p, o in truth if 1e-3 < o.bound < 1.0)
     planner = TwoStagePlanner(acceptance=Acceptance(gap=2.0), programs=programs)
     outcome = planner.solve(problem)
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "feasible")
