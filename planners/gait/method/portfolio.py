@@ -89,8 +89,11 @@ class Attempts:
 
     @property
     def answer(self) -> Answer[Trajectory]:
-        """The smoothest walk that the verifier accepts; where there is none, undecided, with the best attempt."""
+        """The smoothest walk that the verifier accepts; where there is none, undecided, with the best walk that it
+        refuses, and with none where no attempt came to a feasible point."""
         best, names = self.best, [one.attempt.name for one in self.attempts]
+        if best is not None and not best.solution.success:
+            best = None
         return Answer(
             status=Status.FEASIBLE if self.verified else Status.UNDECIDED,
             method=", ".join(names) if best is None else best.attempt.name,

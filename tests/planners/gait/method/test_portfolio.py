@@ -69,16 +69,17 @@ def test_what_the_verifier_refuses_is_no_walk_but_the_best_attempt():
     refused = plan_gait(TASK, LAGGING, caps=PLAIN, attempts=FIRST)
     assert refused.attempts[0].solution.success
     assert not refused.verified
-    assert refused.trajectory is None
+    assert refused.answer.status is Status.UNDECIDED
+    assert refused.answer.solution is refused.best.trajectory
+    assert not refused.answer.report.accepted
     assert refused.message.startswith("no walk that the verifier accepts: rejected: ")
-    assert refused.report is None
     assert refused.best.trajectory.samples > 2
     assert not refused.best.report.accepted
 
 
 def test_no_feasible_point_is_no_walk():
     failed = plan_gait(TASK, caps=Caps(iterations=1), attempts=FIRST)
-    assert failed.trajectory is None
+    assert (failed.answer.status, failed.answer.solution, failed.answer.report) == (Status.UNDECIDED, None, None)
     assert failed.feasible == (None,)
     assert failed.message.startswith("no feasible walk: largest violation ")
 
@@ -91,7 +92,7 @@ def test_a_plan_that_is_stopped_goes_on_from_there(tmp_path):
         attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST),
     )  # fmt: skip
     assert stopped.stopped
-    assert stopped.trajectory is None
+    assert stopped.answer.solution is None
     assert len(stopped.solves) == 1
     again = plan_gait(TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST))
     whole = plan_gait(TASK, settings, attempts=FIRST)
@@ -121,7 +122,7 @@ def test_a_child_process_takes_the_same_steps():
     apart = Caps(smoothing=Smoothing(rounds=0), densifications=0, in_subprocess=True)
     there = plan_gait(TASK, caps=apart, attempts=FIRST)
     assert there.solves[0].violations == here.solves[0].violations
-    assert there.trajectory.digest == here.trajectory.digest
+    assert there.answer.solution.digest == here.answer.solution.digest
 
 
 def test_an_account_that_is_used_up_ends_the_plan():
@@ -181,7 +182,7 @@ def test_a_gentler_terrain_that_is_walked_is_no_answer():
     assert one.stopped
     assert not one.solution.success
     assert not one.report.accepted
-    assert (plan.answer.status, plan.answer.solution) == (Status.UNDECIDED, one.trajectory)
+    assert (plan.answer.status, plan.answer.solution) == (Status.UNDECIDED, None)
     assert one.trajectory.terrain is asked.terrain
     assert one.solution.violation > 0.1
 
