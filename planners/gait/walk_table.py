@@ -55,7 +55,7 @@ class WalkKeys(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     program: Annotated[str, Field(min_length=1, max_length=80)]
-    robot: str = "anymal"
+    robot: str = "anymal-boxes"
     terrain: str
     spacing_m: Annotated[float, Field(gt=0.0)] = 0.05
     friction: Annotated[float, Field(ge=0.0, le=10.0)]
