@@ -38,8 +38,8 @@ outcome = stancekit.solve(problem)
 assert outcome.certificate is not None
 print(stancekit.explain(problem, outcome.certificate).message)
 found = stancekit.plan("stairs", frames=3)
-assert found.plan is not None
-stancekit.save(found.plan, "climb.json")
+assert found.solution is not None
+stancekit.save(found.solution, "climb.json")
 again = stancekit.load("climb.json", stancekit.Plan)
 report = stancekit.verify(again)
 print(report.accepted, again.toes_at(0).shape, report.worst + 1.0 < 1.1)

@@ -19,7 +19,7 @@ from stancekit.planners.verify.trajectories import check_trajectory
 
 TIMES_S = 0.005 * np.arange(61)
 KEYS = {
-    "program": "standing", "robot": "anymal", "terrain": "level.npy", "spacing_m": 0.1, "friction": 0.5,
+    "program": "standing", "robot": "anymal-boxes", "terrain": "level.npy", "spacing_m": 0.1, "friction": 0.5,
     "start_xy_m": [0.0, 0.0], "goal_xy_m": [0.0, 0.0], "cpu_process_s": 2.5, "cpu_solver_s": 1.5,
 }  # fmt: skip
 
