@@ -72,7 +72,7 @@ def test_at_the_rate_of_a_run_it_is_nearly_the_same() -> None:
 
 
 def test_a_walk_of_a_robot_without_joints_is_shown_on_the_same_path_at_the_same_pace() -> None:
-    walk = level_walk("anymal")
+    walk = level_walk("anymal-boxes")
     view = GaitView(walk)
     assert isinstance(view.motion, GaitMotion)
     film = view.film(None, step_s=0.1)
