@@ -51,6 +51,11 @@ def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
     ("arguments", "message"),
     [
         (["--frames", "3"], "--frames: expected none with a leap, got 3"),
+        (["--start=0,0", "--goal", "1,0"], "--start: expected none with a leap, got 0,0"),
+        (["--friction", "nan"], "--friction: expected none with a leap, got nan"),
+        (["--up", "y"], "--up: expected none with a leap, got y"),
+        (["--solver", "scip"], "--solver: expected none with a leap, got scip"),
+        (["--max-solves", "3"], "--max-solves: expected none with a leap, got 3"),
         (
             ["--planner", "exact"],
             f"--planner: expected one of {ORDERS} with a leap, got exact",
