@@ -33,6 +33,11 @@ def test_a_leap_is_planned_written_and_verified(stancekit, drawn):
         json.dump(forged, file)
     refused = stancekit("verify", "forged.json", "--json")
     assert (refused.code, refused.records[0]["verdict"]) == (1, "refused")
+    forged["plan"]["choice"][0] = 0.5
+    with open("forged.json", "w") as file:
+        json.dump(forged, file)
+    refused = stancekit("verify", "forged.json")
+    assert (refused.code, "plan.choice: expected whole numbers, got [0.5," in refused.err) == (2, True)
 
 
 def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
