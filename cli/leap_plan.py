@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.errors import InvalidInput
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
     from .plan import PlanCourse
 
-NO_USE = ("relaxation", "robot", "reach", "envelope", "torque_nm", "frames")
-"""Options of ``stancekit plan`` that a leap has no use for."""
+USES = ("course", "planner", "reserve", "time_limit_s", "out", "proof", "picture", "video", "html", "json")
+"""Options of ``stancekit plan`` that a leap has a use for; any other is refused."""
 
 
 def plan_leap(asked: PlanCourse) -> int:
@@ -79,10 +80,7 @@ def _method(asked: PlanCourse) -> Any:
     from stancekit.planners.files.writing import check_writable
     from stancekit.planners.leap.finder import LeapFinder, Order
 
-    for name in NO_USE:
-        if getattr(asked, name) is not None:
-            option = name.replace("_", "-")
-            raise InvalidInput(f"--{option}: expected none with a leap, got {getattr(asked, name)}")
+    _check_unused(asked)
     orders = get_args(Order)
     if asked.planner not in ("two-stage", *orders):
         raise InvalidInput(f"--planner: expected one of {', '.join(orders)} with a leap, got {asked.planner}")
@@ -94,6 +92,18 @@ def _method(asked: PlanCourse) -> Any:
     check_drawn(asked.picture, asked.video, asked.html)
     order: Any = "finder" if asked.planner == "two-stage" else asked.planner
     return LeapFinder(order=order, share=0.8 if asked.reserve else 1.0)
+
+
+def _check_unused(asked: PlanCourse) -> None:
+    """Raise InvalidInput for an option that was given and that a leap has no use for."""
+    between = asked.between
+    for of in (asked, between, between.file, between.footholds):
+        plain = type(of)(**({"course": ""} if of is asked else {}))
+        for name, value in vars(plain).items():
+            if (of is asked and name in USES) or is_dataclass(value) or getattr(of, name) == value:
+                continue
+            option = name.replace("_", "-")
+            raise InvalidInput(f"--{option}: expected none with a leap, got {getattr(of, name)}")
 
 
 def _reason(outcome: Answer[LeapPlan]) -> str:

@@ -55,7 +55,7 @@ class PlanCourse:
       stancekit plan icy-walls --html climb.html
       stancekit plan rubble.stl --start 0,0 --goal 2,0.5 --robot go1.urdf
       stancekit verify climb.json
-      stancekit plan leap-hard:7 --out leap.json --picture leap.png
+      stancekit plan leap-hard:0 --out leap.json --picture leap.png
 
     A plan that is found has been accepted by a verifier that knows nothing of planners: every stance of every key
     frame, and the way between. status is feasible, infeasible (with a proof that was checked) or undecided (a limit was

@@ -132,7 +132,7 @@ class LeapTries:
         """
         found: dict[str, list[NDArray[Any]]] = {name: [] for name in OF_TRY}
         for shard in range(self.header.plan.shards):
-            table = self.ledger.read(shard, list(OF_TRY))
+            table = self._read(shard, OF_TRY)
             for name in OF_TRY:
                 found[name].append(_array(table, name, self._shape(name)))
         arrays = {name: np.concatenate(parts) for name, parts in found.items()}
@@ -190,7 +190,7 @@ class LeapTries:
         if not 0 <= index < len(self):
             raise IndexError(f"try {index} of {len(self)}")
         shard = int(np.searchsorted(self.ledger.starts, index, side="right")) - 1
-        table = self.ledger.read(shard, list(OF_TRY)).slice(index - self.ledger.starts[shard], 1)
+        table = self._read(shard, OF_TRY).slice(index - self.ledger.starts[shard], 1)
         row = {name: _array(table, name, self._shape(name))[0] for name in OF_TRY}
         if str(row["label"]) != "solved":
             raise InvalidInput(f"try {index}: expected one that is solved, got one that is {row['label']}")
@@ -200,7 +200,22 @@ class LeapTries:
         return tuple(self.header.shapes.get(name, ()))
 
     def _scene_table(self, shard: int) -> pa.Table:
-        return self.ledger.read(shard, ["scene", *OF_SCENE])
+        table = self._read(shard, ("scene", *OF_SCENE))
+        other = [name for name in OF_SCENE if not _same_in_scenes(table, name)]
+        if other:
+            where = self.ledger.folder / shard_name(shard)
+            raise InvalidInput(f"{where}: {other[0]}: expected the same in all rows of a scene, got others")
+        return table
+
+    def _read(self, shard: int, columns: Sequence[str]) -> pa.Table:
+        """Columns of a shard, scene among them, whose rows are those of its scenes in their order."""
+        table = self.ledger.read(shard, list(columns))
+        found, wanted = table.column("scene").to_numpy(), self.header.plan.scenes_of(shard)
+        if not (np.all(np.diff(found) >= 0) and np.array_equal(np.unique(found), np.asarray(wanted))):
+            where = self.ledger.folder / shard_name(shard)
+            scenes = f"expected rows of scenes {wanted[0]} to {wanted[-1]} in their order"
+            raise InvalidInput(f"{where}: scene: {scenes}, got others")
+        return table
 
     def _leap(self, shard: int, scene: int, row: Mapping[str, Any]) -> Leap:
         where = f"{self.ledger.folder / shard_name(shard)}: scene {scene}"
@@ -307,6 +322,18 @@ def _firsts(table: pa.Table) -> list[dict[str, Any]]:
     firsts = np.flatnonzero(np.diff(scenes, prepend=-1))
     rows: list[dict[str, Any]] = table.take(firsts).to_pylist()
     return rows
+
+
+def _same_in_scenes(table: pa.Table, name: str) -> bool:
+    """Whether every row of a scene has in this column what the first one has."""
+    scenes = table.column("scene").to_numpy()
+    firsts = np.searchsorted(scenes, scenes)
+    column = table.column(name).combine_chunks()
+    storage = getattr(column, "storage", column)
+    first = storage.take(firsts)
+    if not np.array_equal(storage.value_lengths(), first.value_lengths()):
+        return False
+    return np.array_equal(storage.flatten().to_numpy(False), first.flatten().to_numpy(False), equal_nan=True)
 
 
 def _patches(row: Mapping[str, Any]) -> Iterator[tuple[int, int, tuple[Array, Array, Array, float]]]:

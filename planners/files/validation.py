@@ -130,6 +130,14 @@ def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
             yield f"{key}: expected this key, got nothing"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             yield f"{key}: unknown key{neighbour(str(item['loc'][-1]), _known(kind, item['loc'][:-1]))}"
+        elif item["type"] in ("union_tag_invalid", "union_tag_not_found"):  # of a union told apart by one of its keys
+            told = item["ctx"]
+            name = str(told["discriminator"]).strip("'")
+            by = f"{key}.{name}".lstrip(".")
+            if "tag" in told:
+                yield f"{by}: expected one of {told['expected_tags']}, got {shown(told['tag'])}"
+            else:
+                yield f"{by}: expected this key, got nothing"
         elif item["type"] in ("tuple_type", "list_type"):
             yield f"{key}: expected a list in brackets, got {shown(item['input'])}"
         else:

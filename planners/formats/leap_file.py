@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..answer.certificate import Certificate
 from ..answer.leap_plan import NUMBERS, LeapPlan
 from ..answer.report import Report
@@ -142,4 +144,6 @@ def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
             numbers[name] = plain_numbers(data[name])
         except (TypeError, ValueError, OverflowError):
             raise InvalidInput(f"plan.{name}: expected numbers, got {shown(data[name])}") from None
+    if not np.array_equal(numbers["choice"], np.trunc(numbers["choice"])):
+        raise InvalidInput(f"plan.choice: expected whole numbers, got {shown(data['choice'])}")
     return LeapPlan(leap=leap, timing=timing, provenance=dict(provenance), **numbers)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .model import Robot
     from .robot_model import RobotModel
 
-NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs:)"
+NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs: {})"
 """Why nothing is known of a robot's joints, torques and bodies."""
 
 

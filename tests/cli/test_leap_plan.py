@@ -33,6 +33,11 @@ def test_a_leap_is_planned_written_and_verified(stancekit, drawn):
         json.dump(forged, file)
     refused = stancekit("verify", "forged.json", "--json")
     assert (refused.code, refused.records[0]["verdict"]) == (1, "refused")
+    forged["plan"]["choice"][0] = 0.5
+    with open("forged.json", "w") as file:
+        json.dump(forged, file)
+    refused = stancekit("verify", "forged.json")
+    assert (refused.code, "plan.choice: expected whole numbers, got [0.5," in refused.err) == (2, True)
 
 
 def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
@@ -51,6 +56,11 @@ def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
     ("arguments", "message"),
     [
         (["--frames", "3"], "--frames: expected none with a leap, got 3"),
+        (["--start=0,0", "--goal", "1,0"], "--start: expected none with a leap, got 0,0"),
+        (["--friction", "nan"], "--friction: expected none with a leap, got nan"),
+        (["--up", "y"], "--up: expected none with a leap, got y"),
+        (["--solver", "scip"], "--solver: expected none with a leap, got scip"),
+        (["--max-solves", "3"], "--max-solves: expected none with a leap, got 3"),
         (
             ["--planner", "exact"],
             f"--planner: expected one of {ORDERS} with a leap, got exact",

@@ -1,6 +1,7 @@
 """`stancekit verify`: no claim passes without its evidence, and no evidence for another problem."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -135,6 +136,12 @@ def test_bad_input_is_one_line(refusal, pairs, labelled):
     assert refusal("verify", "none") == "none: expected a plan, proof, gait or data set, found nothing there"
     said = refusal("verify", "problems.jsonl")
     assert said.endswith(": expected a data set folder, a plan, a proof or a gait, or a file of answers after it")
+    for content, message in ((b'{"a": NaN}', "NaN"), (b"\xff{", "expected UTF-8 text"), (b"[" * 100_000, "")):
+        Path("damaged.json").write_bytes(content)
+        said = refusal("verify", "damaged.json")
+        assert said.startswith("damaged.json: ")
+        assert message in said
+        assert "answers after it" not in said
     assert refusal("verify", "problems.jsonl", "none") == "none: expected a file, found nothing there"
     for value in ("0", "1", "nan", "-1"):
         said = refusal("verify", "problems.jsonl", "answers.jsonl", "--tolerance", value)

@@ -225,6 +225,32 @@ def test_forged_evidence_is_refused_row_by_row(copy: Path, forged: str) -> None:
     assert not report.accepted
 
 
+@pytest.mark.parametrize(("row", "scene"), [(-1, 99), (0, -1), (1, 1), (-1, 0)])
+def test_rows_of_scenes_that_are_not_the_shards_are_refused_by_every_reader(copy: Path, row: int, scene: int) -> None:
+    """Such rows are of no scene that a verifier looks at: any label would pass."""
+    scenes = pq.read_table(copy / "shard-00000.parquet").column("scene").to_numpy().copy()
+    scenes[row] = scene
+    rewritten(copy, 0, {"scene": scenes})
+    tries = LeapTries.open(copy)
+    message = r"shard-00000\.parquet: scene: expected rows of scenes 0 to 1 in their order, got others"
+    for read in (lambda: recheck_leaps(tries), tries.tries, tries.scenes, lambda: list(tries.leaps())):
+        with pytest.raises(InvalidInput, match=message):
+            read()
+
+
+def test_rows_that_say_other_scenes_than_their_first_are_refused(copy: Path) -> None:
+    file = copy / "shard-00000.parquet"
+    table = pq.read_table(file)
+    friction = table.column("friction").to_pylist()
+    friction[1] = [50.0] * len(friction[1])
+    place = table.schema.get_field_index("friction")
+    pq.write_table(
+        table.set_column(place, table.schema.field(place), pa.array(friction, table.schema.field(place).type)), file
+    )
+    with pytest.raises(InvalidInput, match=r"shard-00000\.parquet: friction: expected the same in all rows of a scene"):
+        recheck_leaps(LeapTries.open(copy))
+
+
 def test_a_solved_try_that_a_cut_of_its_scene_refutes_is_refused(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tries = LeapTries.open(whole)
     rows = tries.tries()

@@ -316,7 +316,8 @@ def test_keys_are_named_as_they_stand_in_the_file(changes, message):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"terrain": {"kind": "sea"}}, "terrain: Input tag 'sea' found using 'kind' does not match"),
+        ({"terrain": {"kind": "sea"}}, "terrain.kind: expected one of 'polygons', 'mesh', 'grid', 'cloud', "),
+        ({"terrain": {"friction": 0.5}}, "terrain.kind: expected this key, got nothing"),
         ({"gait": [["RF", "XX"]]}, "gait[0]: expected limbs among LF, LM, LR, RF, RM, RR, each once, got ['RF', 'XX']"),
         ({"steps": {"com_m": 0.05, "progress_m": 0.1}},
          "steps.progress_m: expected at most steps.com_m = 0.05, the largest step, got 0.1"),

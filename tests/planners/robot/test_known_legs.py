@@ -57,7 +57,7 @@ FOUR: dict[str, Any] = {
 }
 UNKNOWN = (
     "robot anymal: no legs are known, only its reach: name its URDF, or, in a course, ask for "
-    "drawn-up legs (legs:)"
+    "drawn-up legs (legs: {})"
 )
 
 
