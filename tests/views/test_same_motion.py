@@ -43,7 +43,7 @@ def planned(course: str | Path) -> Plan:
 
 def level_walk(robot: str) -> Trajectory:
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    walk = stancekit.walk(level, (0.1, 0.0), duration_s=2.0, chart="decoupled", robot=robot).trajectory
+    walk = stancekit.walk(level, (0.1, 0.0), duration_s=2.0, chart="decoupled", robot=robot).solution
     assert walk is not None
     return walk
 
