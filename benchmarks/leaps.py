@@ -71,7 +71,7 @@ def scene(name: str, seed: int, index: int) -> Leap:
 def main() -> None:
     """Run, or go on, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--distribution", default="leap")
+    parser.add_argument("--distribution", default="leap-hard")
     parser.add_argument("--scenes", type=int, default=300)
     parser.add_argument("--seed", type=int, default=4300)
     parser.add_argument("--cpu", type=float, default=2.0)

@@ -246,7 +246,8 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
     """
     solved = {row["scene"] for row in rows if row["found"]}
     lines = []
-    for method in dict.fromkeys(row["method"] for row in rows if row["method"] != PROOF):
+    measured = {row["method"] for row in rows}
+    for method in (method for method in METHODS if method in measured):
         own = [row for row in rows if row["method"] == method]
         within = {row["scene"]: row["solves"] for row in own if row["found"]}
         shared = [row for row in own if row["scene"] in solved]
