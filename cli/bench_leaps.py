@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+from rich.console import Console
 
+from .bench_planner import WIDTH
 from .console import as_options, emit, make_folder, out, stages
 
 if TYPE_CHECKING:
@@ -65,7 +67,7 @@ class BenchLeaps:
             for line in (*lines, {"distribution": self.distribution, **proofs}):
                 emit(line)
             return 0
-        out.print(_table(lines, self.distribution))
+        Console(width=max(out.width, WIDTH), soft_wrap=True).print(_table(lines, self.distribution))
         out.print(
             f"of {proofs['unsolved']} scenes that nobody solves {proofs['proved']} are proved infeasible"
         )
