@@ -37,7 +37,7 @@ def refuted() -> Answer[Posture]:
 
 
 def test_a_posture_that_does_not_hold_is_refused(held):
-    floating = replace(held.posture, forces_n=0.0 * held.posture.forces_n)
+    floating = replace(held.solution, forces_n=0.0 * held.solution.forces_n)
     outcome = stancekit.solve(held.problem, Says(replace(held, solution=floating, method="mine")))
     assert (outcome.status, outcome.solution) == (Status.UNDECIDED, None)
     assert outcome.message.startswith("witness refused: rejected: worst is force_balance")
@@ -58,7 +58,7 @@ def test_a_claim_without_evidence_is_undecided(status, held):
 
 
 def test_evidence_that_is_accepted_counts(held, refuted):
-    for whole, evidence in ((held, held.posture), (refuted, refuted.certificate)):
+    for whole, evidence in ((held, held.solution), (refuted, refuted.certificate)):
         for answer in (whole, evidence):
             outcome = stancekit.solve(whole.problem, Says(answer))
             assert outcome.status is whole.status

@@ -278,8 +278,8 @@ def test_an_outcome_is_strict_json_that_can_be_checked(outcomes, name, proof):
         assert "certificate" not in record
     elif name in ("infeasible", "trivial"):
         assert ("certificate" in record) == proof
-        assert answer is None or check_certificate(problem, answer).figures["lower_bound"] == outcome.lower_bound
-        assert record["lower_bound"] == (UNBOUNDED if name == "trivial" else outcome.lower_bound)
+        assert answer is None or check_certificate(problem, answer).figures["lower_bound"] == outcome.bound
+        assert record["lower_bound"] == (UNBOUNDED if name == "trivial" else outcome.bound)
         assert record["residual"] is None
     else:
         assert answer is None

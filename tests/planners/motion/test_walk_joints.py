@@ -78,5 +78,7 @@ def test_feet_out_of_reach_are_told() -> None:
 
 def test_a_robot_of_boxes_has_no_joints() -> None:
     walk = leaning()
-    with pytest.raises(InvalidInput, match=r"^robot quadruped: expected one that has a model of its legs, got boxes$"):
+    with pytest.raises(
+        InvalidInput, match=r"^robot: expected one with legs of its own, got quadruped, which is but its limbs$"
+    ):
         walk_joints(replace(walk, robot=replace(walk.robot, model=None)))

@@ -62,7 +62,7 @@ def test_z_switches_where_the_terrain_does(seed, planner):
     course = build_course(SHORT, Path()) if seed is None else perturbed(SHORT, np.random.default_rng(seed))
     outcome = planner.solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
-    assert tuple(outcome.plan.modes) == course.modes
+    assert tuple(outcome.solution.modes) == course.modes
     assert set(course.modes) == {0, 1}
     assert outcome.details["open_stances"] == 0.0  # no stance could have used the other envelope
 
@@ -71,7 +71,7 @@ def test_z_switches_where_the_terrain_does(seed, planner):
 def test_z_does_not_switch_where_the_terrain_does_not(name, mode, planner):
     outcome = planner.solve(read_course(name, frames=3))
     assert outcome.status is Status.FEASIBLE, outcome.message
-    assert outcome.plan.modes.tolist() == [mode] * 3
+    assert outcome.solution.modes.tolist() == [mode] * 3
 
 
 def test_the_envelopes_of_ground_and_wall_exclude_each_other(modes):

@@ -69,7 +69,7 @@ def four(**legs: Any) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def plan() -> Plan:
     """A plan for four limbs that nobody gave legs."""
-    found = plan_course(build_course(spec_from(FOUR)), TwoStageCoursePlanner()).plan
+    found = plan_course(build_course(spec_from(FOUR)), TwoStageCoursePlanner()).solution
     assert found is not None
     return found
 
@@ -101,7 +101,7 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
     assert set(kinematics.velocity_rad_s) == {3.0}
     again = course_from_json(json.loads(json.dumps(course_to_json(course))))
     assert again.robot.drawn == servo
-    found = plan_course(course, TwoStageCoursePlanner()).plan
+    found = plan_course(course, TwoStageCoursePlanner()).solution
     assert found is not None
     report = check_plan(found, joints=True)
     assert set(report.unchecked).isdisjoint(WHOLE_BODY)
@@ -161,7 +161,7 @@ def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
 def test_an_older_plan_with_joints_is_judged_with_the_legs_that_it_had(tmp_path: Path) -> None:
     """Before a file could ask for drawn-up legs, all limbs had them: joints of a plan are theirs."""
     drawn = build_course(spec_from(four(torque_nm=40.0)))
-    found = plan_course(drawn, TwoStageCoursePlanner()).plan
+    found = plan_course(drawn, TwoStageCoursePlanner()).solution
     assert found is not None
     assert found.joints_rad is not None
     report = check_plan(found, joints=True)

@@ -27,7 +27,7 @@ def test_on_level_ground_it_plans_as_the_two_stage_planner_does(planner, program
     course = read_course("stairs", frames=2)
     outcome = planner.solve(course)
     assert outcome.status is Status.FEASIBLE
-    assert check_plan(outcome.plan).accepted
+    assert check_plan(outcome.solution).accepted
     assert outcome.objective == pytest.approx(
         TwoStageCoursePlanner(programs=programs).solve(course).objective, rel=1e-4
     )
@@ -44,7 +44,7 @@ def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_
             assert theirs.status is not Status.FEASIBLE
             continue
         if theirs.status is Status.UNDECIDED and theirs.details.get("on_ice", 0.0) > 0.0:
-            assert theirs.plan is None
+            assert theirs.solution is None
             assert theirs.message.startswith("the positions admit no forces that hold the robot: frame ")
             failed += 1
             on_ice += theirs.details["on_ice"]

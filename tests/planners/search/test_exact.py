@@ -61,22 +61,22 @@ def scene_of(drawn, mixed, scene):
 def confirm(problem, outcome):
     """An answer carries what its status promises, and the verifier accepts it, also from a file."""
     if outcome.status is Status.FEASIBLE:
-        report = check_posture(problem, outcome.posture)
+        report = check_posture(problem, outcome.solution)
         assert report.accepted
         assert outcome.residual == report.worst <= 1e-6
         assert outcome.residual_nm == report.figures["residual_nm"]
         assert outcome.certificate is None
-        assert outcome.lower_bound == 0.0
+        assert outcome.bound == 0.0
     elif outcome.status is Status.INFEASIBLE:
         proof = Certificate.from_json(json.loads(json.dumps(outcome.certificate.to_json())))
         report = check_certificate(problem, proof)
         assert report.accepted
-        assert outcome.lower_bound == report.figures["lower_bound"] > 1e-4
-        assert outcome.posture is None
+        assert outcome.bound == report.figures["lower_bound"] > 1e-4
+        assert outcome.solution is None
         assert np.isnan([outcome.residual, outcome.residual_nm]).all()
         assert len(proof.multipliers) == (len(proof.tree) + 1) / 2
     else:
-        assert outcome.posture is outcome.certificate is None
+        assert outcome.solution is outcome.certificate is None
         assert outcome.message
 
 
@@ -92,7 +92,7 @@ def test_one_foot_holds_the_body_exactly_where_it_can_stand_below_the_com(planne
     short = offset - 0.12
     assert outcome.status is (Status.FEASIBLE if short < 0.0 else Status.INFEASIBLE)
     if short > 0.0:
-        assert outcome.lower_bound == pytest.approx(short / 0.6, rel=1e-4)
+        assert outcome.bound == pytest.approx(short / 0.6, rel=1e-4)
 
 
 @pytest.mark.parametrize(("degrees", "holds"), [(29.0, True), (32.0, False), (-29.0, True), (-32.0, False)])
@@ -146,7 +146,7 @@ def test_walls_without_friction_hold_nothing(planner):
     outcome = planner.solve(problem)
     confirm(problem, outcome)
     assert outcome.status is Status.INFEASIBLE
-    assert outcome.lower_bound == np.inf
+    assert outcome.bound == np.inf
     assert outcome.details["trivial"] == 1.0
 
 
@@ -203,7 +203,7 @@ def test_both_answers_come_up_and_some_take_branching(planner, drawn):
     assert statuses.count(Status.FEASIBLE) >= 10
     assert statuses.count(Status.INFEASIBLE) >= 5
     assert sum(outcome.details["nodes"] > 1 for outcome in outcomes) >= 2
-    assert sum(0.0 < outcome.lower_bound < np.inf for outcome in outcomes) >= 3
+    assert sum(0.0 < outcome.bound < np.inf for outcome in outcomes) >= 3
 
 
 # ------------------------------------------------------------------------------------------------------------ limits
@@ -233,7 +233,7 @@ def test_at_the_time_limit_it_is_undecided(programs, drawn):
 
 
 def test_between_tolerance_and_gap_it_is_undecided(programs, planner, drawn):
-    bound = planner.solve(drawn("wall-3", 5)).lower_bound
+    bound = planner.solve(drawn("wall-3", 5)).bound
     assert 1e-3 < bound < np.inf
     strict = ExactPlanner(programs=programs, acceptance=Acceptance(gap=1.9 * bound), max_nodes=40)
     outcome = strict.solve(drawn("wall-3", 5))
@@ -278,8 +278,8 @@ def test_a_corner_given_twice_changes_nothing(planner, drawn):
 def words(outcome):
     """Everything about an outcome but its time."""
     proof = outcome.certificate and outcome.certificate.to_json()
-    posture = outcome.posture and outcome.posture.to_json()
-    return outcome.status, proof, posture, outcome.solves, outcome.lower_bound, dict(outcome.details)
+    posture = outcome.solution and outcome.solution.to_json()
+    return outcome.status, proof, posture, outcome.effort.solves, outcome.bound, dict(outcome.details)
 
 
 def test_it_answers_the_same_in_another_planner_and_after_other_problems(drawn, mixed):
@@ -303,8 +303,8 @@ def test_the_answer_does_not_depend_on_the_units(planner, drawn, force_n, length
         mine, theirs = planner.solve(problem), planner.solve(scaled)
         assert mine.status is theirs.status
         if mine.details["nodes"] == theirs.details["nodes"] == 1:
-            nm = mine.lower_bound * problem.moment_scale_nm
-            assert theirs.lower_bound * scaled.moment_scale_nm == pytest.approx(nm, rel=5e-5)
+            nm = mine.bound * problem.moment_scale_nm
+            assert theirs.bound * scaled.moment_scale_nm == pytest.approx(nm, rel=5e-5)
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
@@ -325,7 +325,7 @@ def test_a_turned_scene_has_the_same_answer(planner, drawn, mixed, quarters):
         mine, theirs = planner.solve(problem), planner.solve(again)
         assert mine.status is theirs.status
         if mine.details["nodes"] == theirs.details["nodes"] == 1:
-            assert theirs.lower_bound == pytest.approx(mine.lower_bound, rel=5e-5)
+            assert theirs.bound == pytest.approx(mine.bound, rel=5e-5)
 
 
 def test_huge_scales_in_a_file_buy_no_tolerance(programs, drawn):
@@ -356,7 +356,7 @@ def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have
         outcome = courses.solve(course)
         seen.add(outcome.status)
         if outcome.status is Status.FEASIBLE:
-            assert check_plan(outcome.plan).accepted
+            assert check_plan(outcome.solution).accepted
             assert outcome.bound <= outcome.objective * (1.0 + 1e-6)
             assert outcome.claim == "optimal"
             assert outcome.objective - outcome.bound <= 1.1e-3 * outcome.objective

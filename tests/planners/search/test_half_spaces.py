@@ -59,8 +59,8 @@ def test_a_body_that_leans_gains_height_times_tilt_and_no_proof_says_less(planne
     for share in (0.5, 0.9, 0.99, 1.01, 1.2, 2.0):
         outcome = planner.solve(on_one_foot(share * tilt * HEIGHT_M, tilt))
         found[share] = outcome.status
-        if outcome.posture is not None:
-            assert outcome.posture.rotation_rad[1] >= share * tilt - 1e-4
+        if outcome.solution is not None:
+            assert outcome.solution.rotation_rad[1] >= share * tilt - 1e-4
     assert found[0.5] is found[0.9] is Status.FEASIBLE
     assert found[2.0] is Status.INFEASIBLE
     assert found[0.99] is not Status.INFEASIBLE
@@ -114,8 +114,8 @@ def test_answers_are_verified_and_no_postures_are_where_proofs_are(planner, prog
         problem = bounded(replace(drawn("wall-3", seed), tilt_limit_rad=tilt), seed, 0.06)
         outcome, scaled = planner.solve(problem), Scaled.of(problem)
         found[outcome.status] += 1
-        if outcome.posture is not None:
-            assert worst_row(problem, outcome.posture) <= 1e-6 * problem.length_scale_m
+        if outcome.solution is not None:
+            assert worst_row(problem, outcome.solution) <= 1e-6 * problem.length_scale_m
         if outcome.certificate is not None:
             assert check_certificate(problem, outcome.certificate).accepted
             start = solve_lift(programs, scaled, least_moment=True).rounded()[1]

@@ -42,16 +42,16 @@ def test_plans_turn_no_farther_and_would_without(turning, programs, make):
     planner, turned = make(programs=programs), 0
     for course in turning:
         free = planner.solve(course)
-        if free.plan is None or largest_yaw(free.plan) < 2.0 * YAW_RAD:
+        if free.solution is None or largest_yaw(free.solution) < 2.0 * YAW_RAD:
             continue
         turned += 1
-        judged = check_plan(replace(free.plan, course=limited(course, YAW_RAD)))
+        judged = check_plan(replace(free.solution, course=limited(course, YAW_RAD)))
         assert judged.refused[0].name == "yaw_step"
-        assert judged.group("yaw_step").value == pytest.approx(largest_yaw(free.plan) - YAW_RAD)
+        assert judged.group("yaw_step").value == pytest.approx(largest_yaw(free.solution) - YAW_RAD)
         outcome = planner.solve(limited(course, YAW_RAD))
-        if outcome.plan is not None:
-            assert largest_yaw(outcome.plan) <= YAW_RAD + 1e-6
-            assert check_plan(outcome.plan).accepted
+        if outcome.solution is not None:
+            assert largest_yaw(outcome.solution) <= YAW_RAD + 1e-6
+            assert check_plan(outcome.solution).accepted
     assert turned >= 2
 
 

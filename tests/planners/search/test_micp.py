@@ -92,7 +92,7 @@ def coordinates(point):
 
 def witness(problem, outcome):
     """[p, f] of a witness, shape (1, N, 6)."""
-    return Scaled.of(problem).point(outcome.posture)[None]
+    return Scaled.of(problem).point(outcome.solution)[None]
 
 
 def net_moment(course, point):

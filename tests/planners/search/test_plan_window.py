@@ -32,7 +32,7 @@ def course():
 def plan(planner, course):
     outcome = planner.solve(course)
     assert outcome.status is Status.FEASIBLE
-    return outcome.plan
+    return outcome.solution
 
 
 def walked(planner, course, horizon):

@@ -128,7 +128,7 @@ def test_the_numbers_of_p1_are_those_of_its_programs(programs, truth, learned):
 def test_p1_alone_is_feasible_only_where_its_own_point_is_a_posture(programs, truth, learned):
     """In a box without size about a witness, the relaxation is the problem itself."""
     problem, exact = next((p, o) for p, o in truth if o.status is Status.FEASIBLE)
-    point = Scaled.of(problem).point(exact.posture)
+    point = Scaled.of(problem).point(exact.solution)
     small, large = Envelope(low=point, high=point), Envelope(low=point - 0.5, high=point + 0.1)
     tight = make_planner("p1", PlannerOptions(programs=programs), envelopes=boxed(learned, small))
     wide = make_planner("p1", PlannerOptions(programs=programs), envelopes=boxed(learned, large))
@@ -259,4 +259,4 @@ def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):
     planner = TwoStagePlanner(acceptance=Acceptance(gap=2.0), programs=programs)
     outcome = planner.solve(problem)
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "feasible")
-    assert outcome.residual >= exact.lower_bound
+    assert outcome.residual >= exact.bound

@@ -48,7 +48,7 @@ class Knowing(Said):
         super().__init__(PointBatch.none(self.contacts), np.zeros((len(batch), 1, 6 + 3 * self.contacts)))
 
     def postures(self, scaled):
-        known = [(n, self.outcomes[self.of[scaled.vertices[n].tobytes()]].posture) for n in range(len(scaled))]
+        known = [(n, self.outcomes[self.of[scaled.vertices[n].tobytes()]].solution) for n in range(len(scaled))]
         index = np.array([n for n, posture in known if posture is not None], dtype=np.intp)
         found = [posture for _, posture in known if posture is not None]
         like, some = scaled.like, scaled.select(index)
@@ -98,16 +98,16 @@ def test_what_is_right_settles_every_problem_that_it_is_of_without_a_solver(prog
     after = decided(programs, batch, Knowing(batch, before))
     assert verdicts(after) == verdicts(before)
     leaf = [one.certificate is not None and len(one.certificate.tree) == 1 for one in before]
-    refuted = [k for k, one in enumerate(leaf) if one and after[k].solves == 0]
+    refuted = [k for k, one in enumerate(leaf) if one and after[k].effort.solves == 0]
     assert len(refuted) >= 0.7 * sum(leaf) > 0
     for k in refuted:
         assert check_certificate(batch.problems[k], after[k].certificate).accepted
         np.testing.assert_array_equal(after[k].certificate.multipliers, before[k].certificate.multipliers)
-        assert after[k].lower_bound == before[k].lower_bound
+        assert after[k].bound == before[k].bound
     feasible = [k for k, one in enumerate(before) if one.status is Status.FEASIBLE]
     assert feasible
-    assert all(after[k].solves == 0 for k in feasible)
-    assert all(check_posture(batch.problems[k], after[k].posture).accepted for k in feasible)
+    assert all(after[k].effort.solves == 0 for k in feasible)
+    assert all(check_posture(batch.problems[k], after[k].solution).accepted for k in feasible)
 
 
 @pytest.mark.parametrize("name", CLASSES)
@@ -119,7 +119,7 @@ def test_a_witness_is_the_canonical_one_to_the_last_bit_whatever_posture_was_pro
     assert len(ends) > 5
     for k in ends:
         for part in ("com_m", "rotation_rad", "toes_m", "forces_n"):
-            np.testing.assert_array_equal(getattr(after[k].posture, part), getattr(before[k].posture, part))
+            np.testing.assert_array_equal(getattr(after[k].solution, part), getattr(before[k].solution, part))
 
 
 @pytest.mark.parametrize("kind", ["random", "huge", "tiny", "nan", "inf"])
@@ -147,11 +147,11 @@ def test_a_proof_that_is_too_weak_for_the_gap_settles_nothing(programs):
     batch = drawn("wall-3")
     before = decided(programs, batch)
     planner = ExactPlanner(programs=programs, time_limit_s=np.inf, max_nodes=50, proposers=Knowing(batch, before))
-    finite = [one.lower_bound for one in before if np.isfinite(one.lower_bound) and one.lower_bound > 0.0]
+    finite = [one.bound for one in before if np.isfinite(one.bound) and one.bound > 0.0]
     planner.acceptance = replace(planner.acceptance, gap=1.01 * max(finite))
     looked = 0
     for outcome, was in zip(solve_all(planner, batch), before, strict=True):
-        if 0.0 < was.lower_bound < np.inf:
+        if 0.0 < was.bound < np.inf:
             looked += 1
             assert outcome.status is not Status.INFEASIBLE or outcome.bound > planner.acceptance.gap
     assert looked == len(finite) > 5

@@ -41,12 +41,12 @@ def test_plans_keep_feet_within_reach_of_one_another(ragged, paired, programs, m
         free = ragged(seed, frames=2, ice=0.0)
         course = paired(free, seed, 0.06)
         outcome = planner.solve(course)
-        if outcome.plan is not None:
+        if outcome.solution is not None:
             found += 1
-            assert check_plan(outcome.plan).accepted
-            assert farthest(course, outcome.plan.toes_m) <= 1e-6
+            assert check_plan(outcome.solution).accepted
+            assert farthest(course, outcome.solution.toes_m) <= 1e-6
         without = planner.solve(free)
-        broken += without.plan is not None and farthest(course, without.plan.toes_m) > 1e-3
+        broken += without.solution is not None and farthest(course, without.solution.toes_m) > 1e-3
     assert found > 0
     assert broken > 0
 

@@ -24,9 +24,9 @@ def course():
 
 def same(one, other):
     assert one.status is other.status
-    assert one.solves == other.solves
+    assert one.effort.solves == other.effort.solves
     for name in ("com_m", "rotation_rad", "toes_m", "forces_n", "choice"):
-        np.testing.assert_array_equal(getattr(one.plan, name), getattr(other.plan, name))
+        np.testing.assert_array_equal(getattr(one.solution, name), getattr(other.solution, name))
 
 
 def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):

@@ -104,7 +104,7 @@ def test_the_com_is_over_the_sole_and_nowhere_else(planner, direction, yaw):
     found, refuted = planner.solve(inside), planner.solve(outside)
     assert found.status is Status.FEASIBLE
     assert refuted.status is Status.INFEASIBLE
-    assert check_posture(inside, found.posture).accepted
+    assert check_posture(inside, found.solution).accepted
     assert check_certificate(outside, refuted.certificate).accepted
     assert not check_certificate(inside, refuted.certificate).accepted
     assert planner.solve(on_one_sole(0.01, direction, sole=None)).status is Status.INFEASIBLE  # a point foot tips
@@ -320,7 +320,7 @@ def test_the_yaw_that_carries_is_chosen_and_where_none_does_there_is_a_proof(mak
     for com_y, chosen in ((0.03, None), (0.08, 1)):
         outcome = make().solve(beam_course(com_y))
         assert outcome.status is Status.FEASIBLE
-        assert chosen is None or outcome.plan.choice.tolist() == [chosen]
+        assert chosen is None or outcome.solution.choice.tolist() == [chosen]
     course = beam_course(0.12)
     outcome = make().solve(course)
     assert outcome.status is Status.INFEASIBLE
@@ -345,7 +345,7 @@ def climbed(tmp_path_factory):
 def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbed, tmp_path):
     course, outcome = climbed
     assert outcome.status is Status.FEASIBLE
-    plan, report = outcome.plan, check_plan(outcome.plan)
+    plan, report = outcome.solution, check_plan(outcome.solution)
     assert report.accepted
     assert report.figures["between"] <= 1e-6
     assert plan.toes_m[:, 2].max() > 0.15  # two steps up
@@ -376,7 +376,7 @@ def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbe
 
 def test_forged_plans_with_soles_are_refused(climbed):
     _, outcome = climbed
-    plan = outcome.plan
+    plan = outcome.solution
     bent, moved = plan.points_m.copy(), plan.points_m.copy()
     bent[3, 1, 2] += 1e-3
     moved[3] += [1e-3, 0.0, 0.0]
@@ -399,7 +399,7 @@ def test_forged_plans_with_soles_are_refused(climbed):
 
 def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     course, outcome = climbed
-    plan = outcome.plan
+    plan = outcome.solution
     begin = replan(None, course, horizon=4)
     assert begin.status is Status.FEASIBLE
     standing = Standing.at_end(begin.solution)
@@ -417,7 +417,7 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
 def test_plans_with_soles_are_not_executed(climbed):
     from stancekit.runner.acceptance import Accepted
 
-    plan = climbed[1].plan
+    plan = climbed[1].solution
     with pytest.raises(InvalidInput) as refused:
         Accepted.verified(plan, "plan.json")
     assert str(refused.value) == (

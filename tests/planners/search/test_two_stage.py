@@ -34,9 +34,9 @@ def planner(programs):
 def test_a_built_in_course_gets_a_verified_plan_at_its_bound(name, planner):
     outcome = planner.solve(read_course(name, frames=2))
     assert outcome.status is Status.FEASIBLE
-    assert check_plan(outcome.plan).accepted
+    assert check_plan(outcome.solution).accepted
     assert outcome.objective == pytest.approx(outcome.bound, rel=1e-4)
-    assert outcome.solves == 2
+    assert outcome.effort.solves == 2
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS.names())
@@ -149,9 +149,9 @@ def test_no_claim_about_a_course_is_believed(climb, planner):
     wrong = accept(1, certificate=refuted.certificate)
     assert (wrong.status, wrong.certificate) == (Status.UNDECIDED, None)
     assert wrong.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
-    moved = replace(feasible.plan, com_m=feasible.plan.com_m + np.array([0.0, 0.02, 0.0]))
+    moved = replace(feasible.solution, com_m=feasible.solution.com_m + np.array([0.0, 0.02, 0.0]))
     both = accept(1, found=moved, certificate=refuted.certificate)
-    assert (both.status, both.plan) == (Status.UNDECIDED, None)
+    assert (both.status, both.solution) == (Status.UNDECIDED, None)
     assert both.message.startswith("plan refused: ")
     assert both.residual > 1e-3
     assert accept(0, certificate=refuted.certificate).status is Status.INFEASIBLE
@@ -160,10 +160,10 @@ def test_no_claim_about_a_course_is_believed(climb, planner):
 def test_toes_on_stairs_keep_a_foots_radius_from_risers(planner):
     course = read_course("stairs")
     outcome = planner.solve(course)
-    assert outcome.plan is not None
+    assert outcome.solution is not None
     risers = [patch.vertices_m for patch in course.terrain if abs(patch.normal[2]) < 0.5]
     assert len(risers) == 4
-    toes = outcome.plan.toes_m
+    toes = outcome.solution.toes_m
     assert len(toes) == len(course.footholds)
     gaps = [np.linalg.norm(toes - np.clip(toes, riser.min(axis=0), riser.max(axis=0)), axis=1) for riser in risers]
     assert np.min(gaps) > FOOT_RADIUS_M

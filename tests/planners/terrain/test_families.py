@@ -65,7 +65,7 @@ def test_level_0_always_has_a_plan(family, planner):
     for seed in range(3):
         outcome = planner.solve(read_course(f"{family}:0:{seed}"))
         assert outcome.status is Status.FEASIBLE
-        assert check_plan(outcome.plan).accepted
+        assert check_plan(outcome.solution).accepted
 
 
 @pytest.mark.parametrize("seed", range(4))
