@@ -80,8 +80,9 @@ def plan(
     Arguments:
         course: a ``Course``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
             YAML or JSON file; one posture problem is a course of one frame. With a start and a goal also a terrain: a
-            mesh, a grid or a cloud in a file, or what ``terrain`` returned. A ``Leap``, or a file of one, is planned
-            by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and ``time_limit_s``.
+            mesh, a grid or a cloud in a file, a ground by its name, or what ``terrain`` returned. A ``Leap``, or a file
+            of one, is planned by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and
+            ``time_limit_s``.
         method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds the best plan of a
             short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline that fails on ice). Or text:
             "two-stage", ..., a name that a package registered under ``stancekit.course_planners``, "FILE.py:NAME". Or a
@@ -184,7 +185,12 @@ def _question(
         if isinstance(course, Course | PostureProblem):
             raise InvalidInput(f"start_xy_m: expected none with a {type(course).__name__}, which has its own")
         from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
+        from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
 
+        if isinstance(course, str) and names_ground(course):
+            from .terrains import terrain
+
+            course = terrain(course, robot=None if who == "hexapod" else who)
         return laid_between(course, start, goal, robot=who, frames=frames)
     if isinstance(course, PostureProblem):
         course = Course.of_posture(course)
