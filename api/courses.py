@@ -28,7 +28,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.methods import Method, PlannerOptions, course_through_verifier, make_course_planner
 from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
-from stancekit.planners.terrain.footholds import Footholds
+from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
 
 from .upgrading import old_arguments
@@ -188,9 +188,7 @@ def _question(
         from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
 
         if isinstance(course, str) and names_ground(course):
-            from .terrains import terrain
-
-            course = terrain(course, robot=None if who == "hexapod" else who)
+            course = _footholds(course, None if who == "hexapod" else who)
         return laid_between(course, start, goal, robot=who, frames=frames)
     if isinstance(course, PostureProblem):
         course = Course.of_posture(course)
@@ -208,6 +206,16 @@ def _question(
     if frames not in (None, course.frames):
         raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
     return course
+
+
+def _footholds(name: str, robot: Robot | str | None) -> Footholds:
+    """The footholds of a ground by its name, for the feet of a robot; as wide as ``terrain`` has them where none is."""
+    from stancekit.planners.robot.robot_file import robot_of
+    from stancekit.planners.terrain.foothold_search import footholds_of  # splines are slow to import
+    from stancekit.planners.terrain.reference import named_surface
+
+    radius_m = 0.0 if robot is None else robot_of(robot).source.known_radius_m
+    return footholds_of(named_surface(name), FootholdLimits.for_foot(radius_m), 0.8)
 
 
 def _called(robot: Robot | str | Path) -> str:
