@@ -28,7 +28,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.methods import Method, PlannerOptions, course_through_verifier, make_course_planner
 from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
-from stancekit.planners.terrain.footholds import Footholds
+from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
 
 from .upgrading import old_arguments
@@ -80,8 +80,9 @@ def plan(
     Arguments:
         course: a ``Course``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
             YAML or JSON file; one posture problem is a course of one frame. With a start and a goal also a terrain: a
-            mesh, a grid or a cloud in a file, or what ``terrain`` returned. A ``Leap``, or a file of one, is planned
-            by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and ``time_limit_s``.
+            mesh, a grid or a cloud in a file, a ground by its name, or what ``terrain`` returned. A ``Leap``, or a file
+            of one, is planned by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and
+            ``time_limit_s``.
         method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds the best plan of a
             short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline that fails on ice). Or text:
             "two-stage", ..., a name that a package registered under ``stancekit.course_planners``, "FILE.py:NAME". Or a
@@ -184,7 +185,10 @@ def _question(
         if isinstance(course, Course | PostureProblem):
             raise InvalidInput(f"start_xy_m: expected none with a {type(course).__name__}, which has its own")
         from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
+        from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
 
+        if isinstance(course, str) and names_ground(course):
+            course = _footholds(course, None if who == "hexapod" else who)
         return laid_between(course, start, goal, robot=who, frames=frames)
     if isinstance(course, PostureProblem):
         course = Course.of_posture(course)
@@ -202,6 +206,16 @@ def _question(
     if frames not in (None, course.frames):
         raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
     return course
+
+
+def _footholds(name: str, robot: Robot | str | None) -> Footholds:
+    """The footholds of a ground by its name, for the feet of a robot; as wide as ``terrain`` has them where none is."""
+    from stancekit.planners.robot.robot_file import robot_of
+    from stancekit.planners.terrain.foothold_search import footholds_of  # splines are slow to import
+    from stancekit.planners.terrain.reference import named_surface
+
+    radius_m = 0.0 if robot is None else robot_of(robot).source.known_radius_m
+    return footholds_of(named_surface(name), FootholdLimits.for_foot(radius_m), 0.8)
 
 
 def _called(robot: Robot | str | Path) -> str:

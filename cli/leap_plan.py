@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import is_dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from stancekit.planners.errors import InvalidInput
 
@@ -98,7 +98,7 @@ def _check_unused(asked: PlanCourse) -> None:
     """Raise InvalidInput for an option that was given and that a leap has no use for."""
     between = asked.between
     for of in (asked, between, between.file, between.footholds):
-        plain = type(of)(**({"course": ""} if of is asked else {}))
+        plain: Any = type(asked)(course="") if of is asked else cast(Any, type(of))()
         for name, value in vars(plain).items():
             if (of is asked and name in USES) or is_dataclass(value) or getattr(of, name) == value:
                 continue

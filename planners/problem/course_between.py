@@ -65,7 +65,7 @@ def course_between(
     goal without footholds for all toes, and PlanningFailed where no way over footholds is found, which proves nothing.
     """
     keys: dict[str, Any] = {
-        "name": name or Path(terrain.file).stem, "frames": 1, "start_m": (*start_m, 0.0), "goal_m": (*goal_m, 0.0),
+        "name": name or _called(terrain.file), "frames": 1, "start_m": (*start_m, 0.0), "goal_m": (*goal_m, 0.0),
         "terrain": terrain, **({"robot": robot} if isinstance(robot, str) else {}),
     }  # fmt: skip
 
@@ -133,6 +133,13 @@ def laid_between(
             raise InvalidInput(f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)) from None
 
     return laid_out
+
+
+def _called(file: str) -> str:
+    """What a course over a terrain is called: as its file without the ending, or as its ground."""
+    from ..terrain.reference import names_ground  # splines are slow to import
+
+    return Path(file).name if names_ground(file) else Path(file).stem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

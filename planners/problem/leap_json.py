@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
-from ..files.validation import validated
+from ..files.validation import shown, validated
 from ..robot.leg_limits import leaping_robot
 from ..robot.model import LegLimits, Limb, Robot
 from ..robot.reach import ReachRows
@@ -121,6 +121,10 @@ def leap_from_keys(data: Mapping[str, Any], where: str) -> Leap:
         except InvalidInput as error:
             raise InvalidInput(f"{where}: {error}") from None
         return kind.draw(np.random.default_rng(drawn.seed), f"{drawn.distribution}-{drawn.seed}")
+    if isinstance(data.get("robot"), Mapping):  # or a message names what the union is of
+        validated(_LeapRobotKeys, dict(data["robot"]), where, key="robot.")
+    elif "robot" in data and not isinstance(data["robot"], str):
+        raise InvalidInput(f"{where}: robot: expected a name, a file, or a robot's keys, got {shown(data['robot'])}")
     keys = validated(LeapKeys, dict(data), where)
     try:
         return Leap(

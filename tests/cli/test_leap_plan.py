@@ -81,6 +81,11 @@ def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message)
             {"duration_s": 2.0},
             "timings_s[0]: expected durations that add up to duration_s, 2 s, got 0.96 s",
         ),
+        ({"robot": None}, "bad.json: robot: expected a name, a file, or a robot's keys, got None"),
+        (
+            {"robot": {"name": "a", "mass_kg": "x", "limbs": []}},
+            "bad.json: robot.mass_kg: expected a valid number, unable to parse string as a number, got 'x'",
+        ),
         ({"footholds": []}, "leap leap-0: footholds: expected one of LF in phase 0, where it begins to stand"),
         (
             {"distribution": "none"},
