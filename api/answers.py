@@ -87,6 +87,8 @@ def verify(subject: PostureProblem, answer: Posture, *, tolerance: float = TOLER
 @overload
 def verify(subject: PostureProblem | Course | Leap, answer: Certificate) -> Report[Certificate]: ...
 @overload
+def verify(subject: Answer[Any], answer: None = None, *, tolerance: float = TOLERANCE) -> Report[Any]: ...
+@overload
 def verify(subject: Plan, answer: None = None, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
 @overload
 def verify(subject: LeapPlan, answer: None = None) -> Report[LeapPlan]: ...
@@ -105,7 +107,17 @@ def verify(
 ) -> FileCheck | RecheckReport: ...
 @checked
 def verify(
-    subject: PostureProblem | Course | Leap | Plan | LeapPlan | Trajectory | Dataset | LeapTries | str | Path,
+    subject: Answer[Any]
+    | PostureProblem
+    | Course
+    | Leap
+    | Plan
+    | LeapPlan
+    | Trajectory
+    | Dataset
+    | LeapTries
+    | str
+    | Path,
     answer: Posture | Certificate | None = None,
     *,
     tolerance: float = TOLERANCE,
@@ -115,10 +127,10 @@ def verify(
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
 
     Arguments:
-        subject: a posture problem with its ``answer``, a posture or a certificate; a course or a leap with a
-            certificate that it has no plan; or alone, what carries its question: a plan of key frames or of a leap, a
-            gait trajectory, a data set, the file of a plan, a proof, a leap or a gait, the folder of a data set or the
-            name of one that ships.
+        subject: what ``solve``, ``plan`` or ``walk`` returned; a posture problem with its ``answer``, a posture or a
+            certificate; a course or a leap with a certificate that it has no plan; or alone, what carries its question:
+            a plan of key frames or of a leap, a gait trajectory, a data set, the file of a plan, a proof, a leap or a
+            gait, the folder of a data set or the name of one that ships.
         answer: what is claimed of the problem or course.
         tolerance: largest violation of a constraint by an accepted posture or plan, non-dimensional. Certificates and
             walks have limits of their own.
@@ -142,6 +154,8 @@ def verify(
     for name, given in (("robot", robot), ("course", course)):
         if given is not None:
             raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {given}")
+    if isinstance(subject, Answer) and answer is None:
+        subject, answer = _evidence(subject)
     match subject, answer:
         case PostureProblem(), Posture():
             return check_posture(subject, answer, tolerance=tolerance)
@@ -162,3 +176,12 @@ def verify(
         "verify: expected a posture problem with a posture or a certificate, a course or a leap with a certificate, or "
         f"alone a plan, a trajectory, a data set or a file; got {came}"
     )
+
+
+def _evidence(answer: Answer[Any]) -> tuple[Any, Any]:
+    """What an answer rests on, as ``verify`` takes it: its solution, or the proof that there is none."""
+    if answer.certificate is not None and answer.problem is not None:
+        return answer.problem, answer.certificate
+    if answer.solution is None:
+        raise InvalidInput(f"verify: expected an answer with a solution or a proof, got one that is {answer.status}")
+    return (answer.problem, answer.solution) if isinstance(answer.solution, Posture) else (answer.solution, None)

@@ -100,6 +100,7 @@ def find_leap(
                     problem=leap,
                     solution=plan,
                     report=report,
+                    residual=report.worst,
                     effort=search.effort(time.perf_counter() - begin),
                 )
         if time.perf_counter() > deadline:

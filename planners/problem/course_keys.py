@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, PrivateAttr, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, PrivateAttr, Tag, field_validator, model_validator
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
@@ -91,6 +91,13 @@ class RobotSpec(_Keys):
     mass_kg: Positive
     limbs: Annotated[dict[str, LimbSpec], Field(min_length=1)]
     legs: DrawnLegsKeys | None = None
+
+    @field_validator("legs", mode="before")
+    @classmethod
+    def _are_asked_for(cls, legs: Any) -> Any:
+        """The key alone, which YAML reads as null, asks for legs as they usually are."""
+        return {} if legs is None else legs
+
 
     @model_validator(mode="after")
     def _agree(self) -> RobotSpec:

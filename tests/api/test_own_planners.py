@@ -85,3 +85,14 @@ def test_a_planner_of_the_package_is_asked_itself(held):
     planner = ExactPlanner()
     assert stancekit.solve(held.problem, planner).bound == held.bound
     assert stancekit.solve(held.problem, planner).method == held.method
+
+
+def test_an_answer_is_verified_by_what_it_rests_on(held, refuted):
+    for answer in (held, refuted):
+        report = stancekit.verify(answer)
+        assert report.accepted
+        assert report.answer is (answer.solution or answer.certificate)
+    forged = replace(held, solution=replace(held.solution, forces_n=0.0 * held.solution.forces_n))
+    assert not stancekit.verify(forged).accepted
+    with pytest.raises(stancekit.InvalidInput, match="expected an answer with a solution or a proof"):
+        stancekit.verify(Answer(status=Status.UNDECIDED, method="mine"))

@@ -223,3 +223,10 @@ def test_a_robot_over_other_sets_is_the_same_robot() -> None:
         hexapod().sets("outer")
     said = "robot: expected one with legs of its own, got hexapod, which is but its limbs"
     assert str(error.value) == said
+
+
+def test_the_key_alone_asks_for_legs() -> None:
+    """``legs:`` with nothing behind it, which YAML reads as null."""
+    keys = four()
+    keys["robot"] = {**keys["robot"], "legs": None}
+    assert build_course(spec_from(keys)).robot.drawn == Servo()
