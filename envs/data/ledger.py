@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -43,7 +44,7 @@ MOST_SHARD_BYTES = 512_000_000
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class Head(BaseModel):
+class Head(BaseModel, ABC):
     """What the header of every data set says. legs: limbs, in their order. first_sample: SHA-256 of what is drawn
     first, to know the distribution by. software: versions at the beginning."""
 
@@ -60,9 +61,9 @@ class Head(BaseModel):
         """SHA-256 of everything but the software: what ties a shard to its data set."""
         return hashlib.sha256(self.model_dump_json(exclude={"software"}, exclude_none=True).encode()).hexdigest()
 
+    @abstractmethod
     def columns(self) -> pa.Schema:
         """Columns of the shards."""
-        raise NotImplementedError
 
 
 class Header(Head):

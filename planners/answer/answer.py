@@ -67,10 +67,10 @@ class Effort:
         tries: choices of contacts that were tried, by planners that count them.
         seconds: wall clock, without compile_s; of a walk, processor time of its solves [s].
         compile_s: time to write programs down [s].
-        solver_s: time in the solver itself [s].
-        verifier_s: time in the verifier [s].
+        solver_s, verifier_s: time in the solver itself and in the verifier, by planners that take them apart; else 0
+            [s].
     Source:
-        DESIGN of timings: docs/reference/benchmarks.md.
+        None: counts and clocks.
     Example:
         >>> import stancekit
         >>> stancekit.solve(stancekit.sample("wall-3", rng=8)[0]).effort.solves
