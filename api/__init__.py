@@ -71,7 +71,7 @@ if TYPE_CHECKING:
     from .planners.terrain.footholds import Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
-    from .planners.verify.explain import Explanation as Explanation
+    from .planners.verify.explanation import Explanation as Explanation
     from .planners.warp.conformal import MapFit as MapFit
     from .postures import solve as solve
     from .robots import robot as robot
@@ -123,7 +123,7 @@ _HOMES = {
     "planners.terrain.footholds": ("FootholdLimits", "Footholds"),
     "planners.terrain.heightfield": ("HeightField",),
     "planners.terrain.patch": ("Patch",),
-    "planners.verify.explain": ("Explanation",),
+    "planners.verify.explanation": ("Explanation",),
     "planners.warp.conformal": ("MapFit",),
     "postures": ("solve",),
     "robots": ("robot",),

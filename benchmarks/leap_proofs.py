@@ -169,7 +169,7 @@ def solved_and_cut(options: argparse.Namespace, programs: Programs) -> list[Leap
             values = [cut.value(choice) for choice in solved]
             evaluated += len(values)
             refuted += sum(value > MARGIN for value in values)
-    errors = [check_leap(plan).momentum_error for plan in plans[:200]]
+    errors = [check_leap(plan).figures["momentum_error"] for plan in plans[:200]]
     say("cuts on solved choices", evaluated=evaluated, refuted=refuted, scenes=index, solved=len(plans),
         worst_error_of_L=max(errors, default=0.0), cpu_s=time.process_time() - begin)  # fmt: skip
     return plans

@@ -92,7 +92,7 @@ def main() -> None:
             leaves = 0 if proof.certificate is None else len(proof.certificate.multipliers)
             row["proof"] = {
                 "proved": proof.status is Status.INFEASIBLE,
-                "solves": proof.solves,
+                "solves": proof.effort.solves,
                 "leaves": leaves,
                 "cpu_s": time.process_time() - begin,
             }

@@ -36,7 +36,6 @@ from stancekit.learners.selectors.selector import Learned, Selector
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.joint import RelaxationName
 
 PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")
 
@@ -124,7 +123,7 @@ def compare(problem: str, options: Arguments) -> Iterator[Score]:
                 chooser = fit_chooser(more, found, progress=bar)
             chooser.save(options.folder / f"{problem}-chooser-{count}.safetensors")
             yield scored(f"gradient-{count} chooser", begin, chooser)
-    ways: dict[str, tuple[int, RelaxationName]] = {
+    ways: dict[str, tuple[int, str]] = {
         "neural-quantile": (0, "p1"), "neural": (options.margin_epochs, "p1"), "joint": (options.margin_epochs, "joint")
     }  # fmt: skip
     for name, (margin_epochs, relaxation) in list(ways.items())[0 if options.ablate else 1 :]:

@@ -130,7 +130,7 @@ def measured(name: str, course: Course, options: Torques) -> Row:
         "before_nm": bent.before.torque_nm, "after_nm": bent.after.torque_nm,
         "share_before": bent.before.share, "share": bent.after.share,
         "accepted": report.accepted, "message": report.failures or report.message,
-        "goal_mm": [1e3 * check_plan(plan).figures["goal_m"] for plan in (outcome.solution, bent.solution)],
+        "goal_mm": [1e3 * check_plan(plan).figures["goal_m"] for plan in (outcome.solution, bent.plan)],
         "friction_share": bent.plan.provenance.get("friction_share"),
     }  # fmt: skip
 

@@ -16,7 +16,8 @@ from ..robot.leg_limits import leaping_robot
 from ..robot.model import LegLimits, Limb, Robot
 from ..terrain.families import SCENE, family_terrain
 from ..terrain.patch import Patch
-from ..terrain.terrain import VOID_M, Terrain
+from ..terrain.polygon import VOID_M
+from ..terrain.terrain import Terrain
 from .candidates import CandidatePatches
 from .foothold import Foothold
 from .leap import BodyState, Leap, LeapLimits, Phase

@@ -16,6 +16,12 @@ SMALLEST_M = 1e-3
 """What is left of a surface counts as nothing where it is nowhere wider than this [m]."""
 STEEP = 0.7
 """A surface whose upward share of the normal is below this (45°) is a wall: its shear axis z points up."""
+VOID_M = -0.6
+"""Height of what is between stones and in gaps, where a height is needed [m]."""
+EDGE_M = 1e-9
+"""Neighbouring surfaces have no seam between them [m]."""
+UPRIGHT = 0.1
+"""A surface whose normal has a smaller upward share is a riser or a wall: it has no height at a place."""
 
 
 def half_planes(polygon: Array) -> tuple[Array, Array]:

@@ -14,8 +14,7 @@ import numpy as np
 from ..files.arrays import Array
 from .heightfield import HeightField
 from .patch import Patch
-from .polygon import nearest
-from .terrain import EDGE_M, UPRIGHT, VOID_M
+from .polygon import EDGE_M, UPRIGHT, VOID_M, nearest
 
 ROUND_M, SLOPE = 0.03, 3.0
 """Radius of an edge, about that of a foot [m], and gradient of what falls beyond it (72°)."""

@@ -11,18 +11,10 @@ import numpy as np
 from ..cached import cached_property
 from ..files.arrays import Array, checked
 from .patch import Patch
-from .polygon import half_planes
+from .polygon import EDGE_M, UPRIGHT, VOID_M, half_planes
 
 if TYPE_CHECKING:
     from .heightfield import HeightField  # splines are slow to import
-
-VOID_M = -0.6
-"""Height of what is between stones and in gaps, where a height is needed [m]."""
-EDGE_M = 1e-9
-"""Neighbouring surfaces have no seam between them [m]."""
-UPRIGHT = 0.1
-"""A surface whose normal has a smaller upward share is a riser or a wall: it has no height at a place."""
-
 
 @dataclass(frozen=True, eq=False)
 class Terrain:

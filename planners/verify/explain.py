@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,8 @@ from ..problem.course import Course
 from ..problem.leap import Leap
 from ..problem.limits import LINEAR
 from .certificate import GAP, check_certificate, forest_of
+from .explanation import Explanation as Explanation
+from .explanation import Relaxation as Relaxation
 from .geometry import length
 from .lagrangian import Leaves, Numbers, body_pulls, leaf_bounds, least_lagrangians
 from .multipliers import Multipliers
@@ -26,52 +27,6 @@ FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = 10.0, 1.0, 10
 BISECTIONS = 30
 MOST_GRIP, MOST_LENGTH, COURSE_BISECTIONS = 3.0, 2.0, 12
 """For courses it looks no further than these (friction, to one part in 4,096; m or rad)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Relaxation:
-    """The least value of one parameter, the others as they are, at which a certificate stops refuting its problem.
-
-    It is necessary, not sufficient: below ``needed`` the problem stays infeasible. needed: inf beyond the caps.
-    leg: empty for parameters of the body, and of a course, whose parameters say where themselves.
-    now, needed: in ``unit`` (SI; 1 for friction).
-    """
-
-    parameter: str
-    leg: str
-    now: float
-    needed: float
-    unit: str
-
-    @property
-    def relative(self) -> float:
-        """Growth over the value now; inf where that is 0."""
-        return (self.needed - self.now) / self.now if self.now > 0.0 else math.inf
-
-
-@dataclass(frozen=True, kw_only=True)
-class Explanation:
-    """Why a problem is infeasible, as ``explain`` says it.
-
-    Arguments:
-        relaxations: what each single parameter would have to become, the cheapest growth first.
-        message: the first of them in one line.
-    Source:
-        Lagrangian bounds of E1-E11.
-    Example:
-        >>> import stancekit
-        >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
-        >>> stancekit.explain(outcome).relaxations[0].leg
-        'RR'
-    """
-
-    relaxations: tuple[Relaxation, ...]
-    message: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values; an infinite ``needed`` becomes null."""
-        rows = [{**vars(r), "needed": r.needed if math.isfinite(r.needed) else None} for r in self.relaxations]
-        return {"relaxations": rows, "message": self.message}
 
 
 def explain(

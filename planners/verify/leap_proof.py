@@ -28,7 +28,7 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
 from .certificate import proof_report
-from .explain import Explanation, Relaxation
+from .explanation import Explanation, Relaxation
 
 MOST_GRIP = 3.0
 """An explanation looks no further."""

@@ -54,7 +54,7 @@ def families() -> Iterator[Family]:
 
 def _of_walk(walk: Any) -> tuple[bool, str]:
     report = check_trajectory(walk)
-    return report.accepted, report.refused[0].group if report.refused else report.defect
+    return report.accepted, report.refused[0].name if report.refused else report.defect
 
 
 def _of_report(report: Any) -> tuple[bool, str]:
