@@ -156,8 +156,8 @@ class PlanVariables:
 
         Σ f is fixed to the weight (E5), so that it is Σ p_w × f − c × w e_z, linear in c.
         """
-        up = self.scaled.weight * np.tile([0.0, 0.0, 1.0], (len(self.layout.stances), 1))
-        return added(moments, stance, len(up)) - cross(self.com[self.layout.stance_frames], up)
+        borne = self.scaled.borne
+        return added(moments, stance, len(borne)) - cross(self.com[self.layout.stance_frames], borne)
 
     def objective(self) -> cp.Expression:
         """Σ of squares: the last c to the goal, c to its nominal path, Θ, and the steps of c and of the toes (§II)."""
@@ -169,6 +169,9 @@ class PlanVariables:
             cost += aim.com_step * cp.sum_squares(cp.diff(self.com, axis=0))
         if len(self.layout.moves) and self._held is None:
             cost += aim.toe_step * cp.sum_squares(self.toe_steps)
+        if self.layout.stands:
+            frame, _, foothold = self.layout.standing
+            cost += aim.stance * cp.sum_squares(self.toes[foothold] - self.com[frame] - self.scaled.standing)
         return cost
 
 
@@ -214,9 +217,8 @@ class ContactForces:
 
     def balance(self) -> Terms:
         """Σ f = w e_z in every stance (E5)."""
-        count = len(self._scaled.layout.stances)
-        up = self._scaled.weight * np.tile([0.0, 0.0, 1.0], (count, 1))
-        return {"balance": added(self.world, self.stance, count) - up == 0}
+        borne = self._scaled.borne
+        return {"balance": added(self.world, self.stance, len(borne)) - borne == 0}
 
 
 def within(moment: cp.Expression) -> tuple[cp.Expression, Terms]:

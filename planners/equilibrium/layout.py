@@ -33,6 +33,8 @@ class Layout:
     each; corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's
     reach has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
     linear: how many further rows a step of the body has (``problem.limits.LINEAR``).
+    stands: whether toes are drawn to where they are as the robot stands (``Weights.stance``).
+    pushes: how often all stances come again at the end, with the same feet and a push that they bear.
     relative: (limb, other, how many half-spaces) of every pair of feet whose distance is limited where the limb moves.
     """
 
@@ -43,6 +45,8 @@ class Layout:
     points: tuple[int, ...] = ()
     relative: tuple[tuple[int, int, int], ...] = ()
     linear: int = 0
+    pushes: int = 0
+    stands: bool = False
 
     def __hash__(self) -> int:
         return self._hash
@@ -50,7 +54,7 @@ class Layout:
     @cached_arrays
     def _hash(self) -> int:
         """Programs are looked up by it at every solve."""
-        return hash((self.holds, self.stances, self.corners, self.reach_rows, self.points, self.relative))
+        return hash((self.holds, self.stances, self.corners, self.reach_rows, self.points, self.relative, self.pushes))
 
     @property
     def frames(self) -> int:
@@ -66,6 +70,11 @@ class Layout:
     def footholds(self) -> int:
         """P."""
         return len(self.corners)
+
+    @property
+    def unpushed(self) -> int:
+        """The number of stances without a push, which come first."""
+        return len(self.stances) // (1 + self.pushes)
 
     @cached_arrays
     def contacts(self) -> tuple[Index, Index, Index]:

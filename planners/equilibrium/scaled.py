@@ -55,7 +55,9 @@ class Scaled:
     weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
     of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
     linear: further rows of a step of the body, see ``StepLimits.linear_rows``.
-    weights: of the objective, None for a posture, which has none.
+    weights: of the objective, None for a posture, which has none. pushes: horizontal force on the body at the centre of
+    mass in each stance, shape (S, 3); without any (0, 3). standing: from the centre of mass to each toe as the robot
+    stands, a row for each of ``Layout.standing``, (T, 3); without any (0, 3).
     """
 
     layout: Layout
@@ -83,6 +85,8 @@ class Scaled:
     offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
     relative: RelativeHalfSpaces = field(default_factory=RelativeHalfSpaces.none)
     linear: Array = field(default_factory=lambda: np.zeros((0, 7)))
+    pushes: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    standing: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "layout", shared(self.layout))
@@ -217,6 +221,12 @@ class Scaled:
         """
         return replace(self, force_min=low, force_max=high)
 
+    @cached_property
+    def borne(self) -> Array:
+        """What the contacts of every stance bear in all: the weight, less the push on the body; shape (S, 3)."""
+        weight = np.tile([0.0, 0.0, self.weight], (len(self.layout.stances), 1))
+        return weight - self.pushes if self.layout.pushes else weight
+
     def in_world(self, forces: Array) -> Array:
         """Forces of the stance contacts turned from contact frames to the world; one candidate a foothold; (B, 3)."""
         return np.asarray(np.matmul(self.contact_frames, forces[..., None])[..., 0])
@@ -249,13 +259,15 @@ class Scaled:
         And of soles, where there are: point_forces_n, (S, N, points, 3) [N], which add up to them, and points_m, where
         the points of every foothold are, (P, points, 3) [m].
         """
-        (stance, limb, _), layout = self.layout.contacts, self.layout
-        forces, world = np.zeros((len(layout.stances), layout.limbs, 3)), self.in_world(point.forces) * self.force_n
+        layout, count = self.layout, self.layout.unpushed
+        own = layout.contacts[0] < count  # the others are borne with forces of their own
+        stance, limb, _ = (rows[own] for rows in layout.contacts)
+        forces, world = np.zeros((count, layout.limbs, 3)), self.in_world(point.forces)[own] * self.force_n
         if not layout.points:
             forces[stance, limb] = world
             return forces, {}
-        each = np.zeros((len(layout.stances), layout.limbs, max(layout.points), 3))
-        each[stance, limb, layout.contact_points] = world
+        each = np.zeros((count, layout.limbs, max(layout.points), 3))
+        each[stance, limb, layout.contact_points[own]] = world
         points = (point.toes[:, None] + self.offsets) * self.length_m
         return np.asarray(each.sum(axis=2)), {"points_m": points, "point_forces_n": each}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -70,7 +71,12 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
         relative=RelativeHalfSpaces.pairs(course.robot),
         linear=len(limits.linear_rows(scale)),
+        stands=course.weights.stance > 0.0,
     )
+    pushes = _pushes(course, len(layout.stances))
+    if len(pushes):
+        copies = len(pushes) // len(layout.stances) - 1
+        layout = replace(layout, stances=layout.stances * (1 + copies), pushes=copies)
     direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
     carrying = len(layout.contact_points)
     return scaled(
@@ -99,7 +105,27 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         offsets=offsets,
         relative=RelativeHalfSpaces.of(course.robot, scale),
         linear=limits.linear_rows(scale),
+        pushes=pushes,
+        standing=_standing(course, layout),
     )
+
+
+def _standing(course: Course, layout: Layout) -> Array:
+    """``Scaled.standing`` of a course."""
+    if not layout.stands:
+        return np.zeros((0, 3))
+    assert course.standing_m is not None
+    frame, limb, _ = layout.standing
+    return course.standing_m[frame, limb] / course.length_scale_m
+
+
+def _pushes(course: Course, stances: int) -> Array:
+    """``Scaled.pushes`` of a course: first none, then the corners of a square about the disc of pushes that it asks for."""
+    if course.push_n == 0.0:
+        return np.zeros((0, 3))
+    corner = np.sqrt(2.0) * course.push_n / course.weight_n
+    corners = corner * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=np.float64)
+    return np.repeat(corners, stances, axis=0)
 
 
 def _offsets(each: Sequence[Array], length_m: float) -> tuple[tuple[int, ...], Array]:

@@ -237,10 +237,12 @@ class Forces:
             self._side("least", -1.0, axes, "scaled.force_min")
 
     def balance(self) -> None:
-        """Σ f = w e_z in every stance (E5)."""
+        """Σ f = w e_z in every stance (E5), less the push on the body where there is one."""
         net = self._rows.equal("balance", len(self._layout.stances), 3)
         self._rows.put(net[self.stance][:, :, None], self.columns[:, None, :], Of("scaled.frames", self.candidate))
         self._rows.right(net[:, 2], Of("scaled.weight"))
+        if self._layout.pushes:
+            self._rows.right(net[:, :2], -Of("scaled.pushes", (slice(None), slice(2))))
 
     def _side(self, name: str, sign: float, axes: list[int], bound: str) -> None:
         """sign · f ≤ sign · share · bound, for these components; bound: of the stance contacts, shape (B, 3)."""
@@ -274,7 +276,7 @@ class Moments:
         self._parts.append((stance, columns, values))
 
     def of_weight(self, body: BodyVariables) -> None:
-        """−w c × e_z = −w (c_y, −c_x, 0)."""
+        """−w c × e_z = −w (c_y, −c_x, 0); with a push F at the body −c × (w e_z − F)."""
         self._com = body.com[self._layout.stance_frames]
 
     def shift(self, values: Fill[Given]) -> None:
@@ -302,6 +304,9 @@ class Moments:
         if self._com is not None:
             rows.put(net[:, 0], self._com[:, 1], -sign * Of("scaled.weight"))
             rows.put(net[:, 1], self._com[:, 0], sign * Of("scaled.weight"))
+            if self._layout.pushes:  # −c × (w e_z − F), the part of F
+                for row, column, axis, turn in ((0, 2, 1, -1.0), (1, 2, 0, 1.0), (2, 0, 1, 1.0), (2, 1, 0, -1.0)):
+                    rows.put(net[:, row], self._com[:, column], sign * turn * Of("scaled.pushes", (slice(None), axis)))
         for offset in self._offsets:
             rows.right(net, _times(-sign, offset))
 

@@ -51,6 +51,9 @@ class Course:
         length_scale_m: unit of non-dimensional lengths [m].
         force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the weight, shape (3,).
         modes: mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,): for reports only.
+        push_n: horizontal push at the centre of mass, in any direction, that every stance has to bear [N].
+        standing_m: from the centre of mass to each toe as the robot stands at each frame, which ``weights.stance`` draws
+            toes to, shape (M, N, 3) [m].
     Raises:
         InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers out of range.
     Source:
@@ -79,6 +82,8 @@ class Course:
     force_min: Array = field(default_factory=lambda: np.array([0.0, -1.0, -1.0]))
     force_max: Array = field(default_factory=lambda: np.ones(3))
     modes: tuple[int, ...] | None = None
+    push_n: float = 0.0
+    standing_m: Array | None = None
 
     def __post_init__(self) -> None:
         frames, put = len(self.lifts), object.__setattr__
@@ -91,10 +96,16 @@ class Course:
             lambda: put(self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=0.5)),
             lambda: put(self, "gravity_m_s2", checked(self.gravity_m_s2, "gravity_m_s2", above=0.0)),
             lambda: put(self, "length_scale_m", checked(self.length_scale_m, "length_scale_m", above=0.0)),
+            lambda: put(self, "push_n", checked(self.push_n, "push_n", least=0.0)),
             lambda: put(self, "force_min", read_only(self.force_min, (3,), "force_min")),
             lambda: put(self, "force_max", read_only(self.force_max, (3,), "force_max")),
             self._check_schedule,
         )
+        if self.standing_m is not None:
+            shape = (frames, len(self.robot.limbs), 3)
+            put(self, "standing_m", read_only(self.standing_m, shape, "standing_m"))
+        elif self.weights.stance > 0.0:
+            raise InvalidInput("standing_m: expected where toes are as the robot stands, with weights.stance, got none")
         if np.any(self.com_radius_m < 0.0):
             raise InvalidInput(f"com_radius_m: expected no negative radius, got {self.com_radius_m.min():g}")
         across = slice(1, None)

@@ -60,8 +60,10 @@ def course_to_json(course: Course) -> dict[str, Any]:
         "weights": {
             name: getattr(course.weights, name)
             for name in _WeightsJson.model_fields
-            if name != "com_path" or course.weights.com_path
+            if name not in ("com_path", "stance") or getattr(course.weights, name)
         },
+        **({} if course.standing_m is None else {"standing_m": course.standing_m.tolist()}),
+        **({"push_n": course.push_n} if course.push_n else {}),
         "modes": None if course.modes is None else list(course.modes),
     }
 
@@ -84,7 +86,8 @@ def course_from_json(data: Mapping[str, Any]) -> Course:
         terrain=tuple(patch for patch in terrain if patch),
         footholds=tuple(foothold for foothold in footholds if foothold),
         lifts=tuple(tuple(lifted) for lifted in raw.lifts), next_lift=tuple(raw.next_lift),
-        modes=None if raw.modes is None else tuple(raw.modes),
+        modes=None if raw.modes is None else tuple(raw.modes), push_n=raw.push_n,
+        standing_m=None if raw.standing_m is None else read_only(raw.standing_m, (len(raw.lifts), len(robot.limbs), 3), "standing_m"),
         **{name: getattr(raw, name) for name in (*_ARRAYS, *_NUMBERS)},
     )  # fmt: skip
 
@@ -230,6 +233,7 @@ class _WeightsJson(_Keys):
     com_step: float
     toe_step: float
     tilt: float
+    stance: float = 0.0
 
 
 class _CourseJson(_Keys):
@@ -251,3 +255,5 @@ class _CourseJson(_Keys):
     steps: _StepsJson
     weights: _WeightsJson
     modes: list[int] | None
+    push_n: float = 0.0
+    standing_m: list[list[list[float]]] | None = None

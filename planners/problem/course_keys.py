@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
     from ..robot.robot_model import RobotModel
 
+AS_IT_STANDS = 0.3
+"""Weight of toes near where they are as a robot of a file stands, so that it does not walk them in to a line."""
 UPRIGHT = 0.1
 """Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of steps."""
 ROLLS_RAD = 0.6
@@ -215,6 +217,7 @@ class WeightSpec(_Keys):
     com_step: Least = 0.2
     toe_step: Least = 0.05
     tilt: Least = 0.05
+    stance: Least = 0.0
 
 
 class CourseSpec(_Keys):
@@ -225,6 +228,8 @@ class CourseSpec(_Keys):
     height is that in which the robot stands on the terrain there. stride_m: distance of neighbouring
     frames along it; the last line is then gone on, or cut short, as the number of frames has it, and where that ends is
     the goal. Without it the frames are spread evenly from start to goal.
+
+    push_n: horizontal push at the centre of mass that every stance has to bear in every direction.
 
     mass_kg: of the robot with all that it carries, in place of its own; of a robot's file the body has the difference.
     """
@@ -243,6 +248,7 @@ class CourseSpec(_Keys):
     steps: StepSpec = StepSpec()
     weights: WeightSpec = WeightSpec()
     candidates: CandidateSpec = CandidateSpec()
+    push_n: Least = 0.0
     terrain: AnyTerrain
     _given: Robot | None = PrivateAttr(None)
 
@@ -291,6 +297,9 @@ class CourseSpec(_Keys):
             update["candidates"] = self.candidates.model_copy(update={"margin_m": margin})
         if "com_path" not in self.weights.model_fields_set:
             update["weights"] = self.weights.model_copy(update={"com_path": UPRIGHT})
+        if "stance" not in self.weights.model_fields_set:
+            weights = update.get("weights", self.weights)
+            update["weights"] = weights.model_copy(update={"stance": AS_IT_STANDS})
         if "stance" not in self.model_fields_set:
             offsets = standing_toes(model) - np.array([limb.shoulder_m for limb in robot.limbs])
             limbs = {limb.name: tuple(offset.tolist()) for limb, offset in zip(robot.limbs, offsets, strict=True)}

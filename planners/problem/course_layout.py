@@ -61,8 +61,16 @@ def build_course(
         name=spec.name, robot=robot, terrain=terrain.patches, footholds=footholds, lifts=lifts,
         next_lift=turns[(spec.frames - 1) % len(turns)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
         steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),
-        tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames),
+        tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames), push_n=spec.push_n,
+        standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None,
     )  # fmt: skip
+
+
+def _standing(spec: CourseSpec, robot: Robot, passed: NDArray[np.int_]) -> Array:
+    """From the centre of mass to each toe as the robot stands at each frame, shape (M, N, 3) [m]."""
+    return np.array([
+        [limb.shoulder_m + toe_offset(limb, _stance(spec, int(corner))) for limb in robot.limbs] for corner in passed
+    ])  # fmt: skip
 
 
 def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:

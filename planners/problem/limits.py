@@ -61,7 +61,7 @@ class StepLimits:
 @dataclass(frozen=True, kw_only=True)
 class Weights:
     """Of the objective: squared distance of the last COM from the goal, of every COM from the nominal path, squared
-    steps, squared tilt; lengths in m.
+    steps, squared tilt, squared distance of every toe from where it is as the robot stands; lengths in m.
 
     The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
     """
@@ -71,6 +71,7 @@ class Weights:
     com_step: float = 0.2
     toe_step: float = 0.05
     tilt: float = 0.05
+    stance: float = 0.0
 
     def __post_init__(self) -> None:
         check_numbers(self, "weights.", least=self.__annotations__)

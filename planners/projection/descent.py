@@ -65,4 +65,7 @@ def cost(scaled: Scaled, point: Point) -> float:
     value += weights.com_path * float(np.sum((point.com - scaled.com) ** 2))
     value += weights.tilt / scaled.length_m**2 * float(np.sum(point.rotation**2))
     value += weights.com_step * float(np.sum(np.diff(point.com, axis=0) ** 2))
+    if scaled.layout.stands:
+        frame, _, foothold = scaled.layout.standing
+        value += weights.stance * float(np.sum((point.toes[foothold] - point.com[frame] - scaled.standing) ** 2))
     return value + weights.toe_step * float(np.sum((point.toes[moves[:, 1]] - point.toes[moves[:, 0]]) ** 2))

@@ -32,19 +32,21 @@ TIES = 1e-4
 """Of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
 EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
+UP = np.array([0.0, 0.0, 1.0])
 LEAST = 0.02
 """Every limb that carries presses on its patch with this share of the weight or more, so that it stays there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the forces, (N, 3). rest,
+    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the forces, (N, 3). borne: their sum, (3,). rest,
     levers: torques as shares of their limits are rest − levers · f, (J,), (J, 3); none where nobody asks."""
 
     arms: Array
     friction: Array
     low: Array
     high: Array
+    borne: Array
     rest: Array
     levers: Array
 
@@ -76,7 +78,7 @@ class ForceDistribution:
         forces = rows.variable("forces", contacts, 3)
         balance = rows.equal("balance", 6)
         rows.put(balance[:, None], forces.reshape(1, -1), lambda d: d.arms)
-        rows.right(balance[2:3], 1.0)
+        rows.right(balance[:3], lambda d: d.borne)
         most, least = rows.at_most("most", contacts, 3), rows.at_most("least", contacts, 3)
         rows.put(most, forces, 1.0)
         rows.put(least, forces, -1.0)
@@ -119,12 +121,13 @@ class ForceDistribution:
         loads: Loads = NONE,
         reserves: Sequence[float] = RESERVES,
         least: float = LEAST,
+        push: Array | None = None,
     ) -> Array | None:
         """The same for toes that are so far from the centre of mass, shape (N, 3) [m], on these patches.
 
         bears: who carries, shape (N,); course: its weight and its bounds of the forces. loads: of the joints. reserves:
         shares of μ that are tried, one after the other, until one has forces. least: share of the weight with which
-        every limb that carries presses at least.
+        every limb that carries presses at least. push: force on the body at the centre of mass, in units of the weight, (3,).
         """
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
@@ -134,6 +137,7 @@ class ForceDistribution:
             friction=np.array([patch.friction for patch in patches]),
             low=np.where(carries, np.maximum(course.force_min, [least, -np.inf, -np.inf]), 0.0),
             high=np.where(carries, course.force_max, 0.0),
+            borne=UP if push is None else UP - push,
             rest=loads.weight_nm / loads.limit_nm,
             levers=np.einsum("jk,jki->ji", loads.levers_m, frames[self._foot_of])
             * (course.weight_n / loads.limit_nm)[:, None],

@@ -128,7 +128,11 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
     start = cs.SX.sym("start", x.numel())
     cost = 0.5 * (PULL if least_moment else PULL_BESIDE) * cs.sumsqr(x - start)
     if not least_moment:
-        terms = (com[:, -1] - data["goal"], com - data["com"], rotation, moved, cs.vertcat(*walked))
+        stands = zip(*(part.tolist() for part in layout.standing), strict=True) if layout.stands else ()
+        away = [
+            toes[foothold] - com[:, k] - data["standing"][:, t] for t, (k, _, foothold) in enumerate(stands)
+        ]  # fmt: skip
+        terms = (com[:, -1] - data["goal"], com - data["com"], rotation, moved, cs.vertcat(*walked), cs.vertcat(*away))
         cost += sum((data["aim"][k] * cs.sumsqr(term) for k, term in enumerate(terms)), cs.SX(0))
     equations = cs.vertcat(*(cs.sum1(shares[own]) - 1 for own in under), *force, *moment)
     program = {
@@ -146,20 +150,22 @@ def _sizes(layout: Layout) -> dict[str, tuple[int, int]]:
     return {
         "vertices": (3, len(layout.vertex_footholds)), "axes": (3, 3 * footholds), "friction": (1, footholds),
         "weight": (1, 1), "shoulders": (3, limbs), "reach": (1, limbs), "com": (3, frames), "com_radius": (1, frames),
-        "limits": (3, 1), "direction": (3, steps), "progress": (1, steps), "goal": (3, 1), "aim": (5, 1),
+        "limits": (3, 1), "direction": (3, steps), "progress": (1, steps), "goal": (3, 1), "aim": (6, 1),
         "offsets": (3, len(layout.contacts[0]) if layout.points else 0),
         "row_normals": (3, len(layout.row_limbs)), "row_bounds": (1, len(layout.row_limbs)),
         "apart_normals": (3, len(layout.relative_rows[0])), "apart_bounds": (1, len(layout.relative_rows[0])),
-        "linear": (7, layout.linear),
+        "linear": (7, layout.linear), "standing": (3, len(layout.standing[0]) if layout.stands else 0),
     }  # fmt: skip
 
 
 def parameters(scaled: Scaled, start: Array) -> Array:
     """The program's parameters; CasADi stacks columns, so that every vertex, axis and step is one."""
-    aim = np.zeros(5)
+    aim = np.zeros(6)
     if scaled.weights is not None:
         its = scaled.weights
-        aim = np.array([its.goal, its.com_path, its.tilt / scaled.length_m**2, its.com_step, its.toe_step])
+        aim = np.array([
+            its.goal, its.com_path, its.tilt / scaled.length_m**2, its.com_step, its.toe_step, its.stance
+        ])  # fmt: skip
     return np.concatenate([
         scaled.vertices.ravel(), scaled.frames.transpose(0, 2, 1).ravel(), scaled.friction, [scaled.weight],
         scaled.shoulders.ravel(), scaled.reach, scaled.com.ravel(), scaled.com_radius, scaled.steps,
@@ -167,7 +173,7 @@ def parameters(scaled: Scaled, start: Array) -> Array:
         scaled.bearing_points(np.zeros((scaled.layout.footholds, 3))).ravel() if scaled.layout.points else [],
         scaled.half_spaces.normals.ravel(), scaled.half_spaces.bounds,
         scaled.relative.normals[scaled.layout.relative_rows[0]].ravel(),
-        scaled.relative.bounds[scaled.layout.relative_rows[0]], scaled.linear.ravel(), start,
+        scaled.relative.bounds[scaled.layout.relative_rows[0]], scaled.linear.ravel(), scaled.standing.ravel(), start,
     ])  # fmt: skip
 
 

@@ -68,7 +68,7 @@ class Restoration:
     def point(self) -> Point:
         """The plan's own numbers, non-dimensional."""
         stance, limb, _ = self._scaled.layout.contacts
-        world = self._plan.forces_n[stance, limb] / self._scaled.force_n
+        world = self._plan.forces_n[stance % self._scaled.layout.unpushed, limb] / self._scaled.force_n
         return Point(
             com=self._plan.com_m / self._scaled.length_m, rotation=self._plan.rotation_rad, residual=0.0,
             toes=self._plan.toes_m / self._scaled.length_m,
@@ -125,7 +125,7 @@ class Restoration:
         arms = point.toes[foothold] - point.com[scaled.layout.stance_frames[stance]]
         maps = np.concatenate([scaled.contact_frames, skew(arms) @ scaled.contact_frames], axis=1)
         net = np.add.reduceat(np.einsum("bij,bj->bi", maps, point.forces), first)
-        missing = np.array([0.0, 0.0, scaled.weight, 0.0, 0.0, 0.0]) - net
+        missing = np.pad(scaled.borne, ((0, 0), (0, 3))) - net
         square = np.add.reduceat(maps @ maps.transpose(0, 2, 1), first)
         pull = np.einsum("sij,sj->si", np.linalg.pinv(square, hermitian=True), missing)
         forces = point.forces + np.einsum("bij,bi->bj", maps, pull[stance])
@@ -135,14 +135,16 @@ class Restoration:
         return forces, (left <= BALANCED) & (np.maximum.reduceat(np.maximum(cone, over), first) <= INSIDE)
 
     def _shares(self, loads: list[tuple[Array, Array]], forces: Array) -> Array:
-        """The largest torque of every stance as a share of its limit, (S,)."""
+        """The largest torque of every stance as a share of its limit, (S,); 0 under a push."""
         layout, legs = self._scaled.layout, self._solver.legs
         stance, limb, _ = layout.contacts
         world = np.zeros((len(layout.stances), layout.limbs, 3))
         world[stance, limb] = self._scaled.in_world(forces) * self._scaled.force_n
         weights, levers = (np.array(part)[layout.stance_frames] for part in zip(*loads, strict=True))
         torque = weights - (levers * world[:, legs]).sum(axis=2)
-        return np.asarray((np.abs(torque) / self._limit_nm).max(axis=1))
+        shares = (np.abs(torque) / self._limit_nm).max(axis=1)
+        shares[layout.unpushed :] = 0.0
+        return np.asarray(shares)
 
     def _spared(self, stance: int, point: Point, loads: list[tuple[Array, Array]]) -> Array | None:
         """The forces of a stance with the least largest torque, contact frames; None where none balance."""
@@ -153,6 +155,7 @@ class Restoration:
             self._plan.course, arms, self._patches[frame], np.isin(np.arange(scaled.layout.limbs), limbs),
             loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
             reserves=(self.friction_share,), least=float(scaled.force_min[:, 0].max(initial=0.0)),
+            push=scaled.pushes[stance] if scaled.layout.pushes else None,
         )  # fmt: skip
         if world is None:
             return None

@@ -65,7 +65,7 @@ class TorqueRows:
     def of(cls, layout: Layout, leg_of: tuple[int, ...]) -> TorqueRows:
         """leg_of: the leg of every joint."""
         legs, (stance, limb, _) = np.array(leg_of), layout.contacts
-        contact, joint = np.nonzero(limb[:, None] == legs)
+        contact, joint = np.nonzero((limb[:, None] == legs) & (stance < layout.unpushed)[:, None])
         pairs = np.nonzero(legs[:, None] == legs)
         number = np.full((len(legs), len(legs)), -1)
         number[pairs] = np.arange(len(pairs[0]))

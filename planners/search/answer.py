@@ -192,5 +192,8 @@ def objective_of(plan: Plan) -> float:
     cost += weights.com_path * float(np.sum((plan.com_m - course.com_nominal_m) ** 2))
     cost += weights.tilt * float(np.sum(plan.rotation_rad**2))
     cost += weights.com_step * float(np.sum(np.diff(plan.com_m, axis=0) ** 2))
+    if course.standing_m is not None:
+        away = plan.toes_m[course.holds] - plan.com_m[:, None] - course.standing_m
+        cost += weights.stance * float(np.sum(away**2))
     steps = np.array([plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, course.frames)])
     return cost + weights.toe_step * float(np.sum(steps**2))

@@ -267,7 +267,7 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
     part = replace(
         scaled,
         layout=replace(
-            layout, holds=(tuple(range(layout.limbs)),), stances=((0, limbs),),
+            layout, holds=(tuple(range(layout.limbs)),), stances=((0, limbs),), pushes=0, stands=False,
             corners=tuple(layout.corners[p] for p in footholds),
         ),
         which=tuple(scaled.which[p] for p in footholds),
@@ -275,7 +275,7 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
         offsets=scaled.offsets[kept] if layout.points else scaled.offsets,
         force_min=scaled.force_min[contacts], force_max=scaled.force_max[contacts],
         com=scaled.com[[frame]], com_radius=scaled.com_radius[[frame]],
-        direction=np.zeros((0, 3)), progress=np.zeros(0),
+        direction=np.zeros((0, 3)), progress=np.zeros(0), pushes=np.zeros((0, 3)), standing=np.zeros((0, 3)),
     )  # fmt: skip
     return part, footholds, contacts
 

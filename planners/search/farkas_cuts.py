@@ -62,6 +62,10 @@ class FarkasCuts:
         pull, twist = -reach.sum(axis=1), -np.cross(scaled.shoulders, reach).sum(axis=1)
         across = np.column_stack([nu_M[:, 1], -nu_M[:, 0], 0.0 * nu_M[:, 0]])  # −ν·(c × e_z) = (−e_z × ν)·c
         np.add.at(pull, layout.stance_frames, scaled.weight * across)
+        pushed = 0.0
+        if layout.pushes:
+            np.add.at(pull, layout.stance_frames, np.cross(scaled.pushes, nu_M))
+            pushed = float(np.sum(parts["nu_F"] * scaled.pushes))
         step = parts["com_step"] - parts["progress"][:, None] * scaled.direction
         linear = parts["linear_step"] @ scaled.linear[:, :6]
         step, turn = step + linear[:, :3], parts["rotation_step"] + linear[:, 3:]
@@ -72,6 +76,7 @@ class FarkasCuts:
         return float(
             np.sum(pull * scaled.com)
             - scaled.weight * parts["nu_F"][:, 2].sum()
+            + pushed
             - norm(pull, axis=1) @ scaled.com_radius
             - scaled.tilt * np.abs(twist).sum()
             - np.sum(parts["reach"] * scaled.shoulders)

@@ -1,0 +1,297 @@
+"""How much a stance can bear beyond its own weight: a push, a body that is elsewhere, and less friction.
+
+With toes and body held, the contacts of a stance balance a set of horizontal pushes at the centre of mass, and they
+carry the weight from a set of places of it. Both sets are convex, shadows of the forces within cones and bounds:
+
+    Σ f = w e_z − F,  Σ (p − c) × f = 0            pushes F = (F_x, F_y, 0)
+    Σ f = w e_z,      Σ (p − c − t) × f = 0        places c + t, t = (t_x, t_y, 0)
+
+Their support functions are one small cone program per direction. The hull of the points that were found lies inside of
+the set and its half-planes outside, so that the distance from the origin to the border is known from both sides; what is
+reported is the lower one, which the contacts hold in every direction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import clarabel
+import numpy as np
+from scipy.sparse import csc_array
+
+from ..answer.plan import Plan
+from ..answer.report import Group
+from ..files.arrays import Array
+from ..problem.course import Course, Stance
+from .geometry import contact_frames, cross
+
+CLOSE = 0.02
+"""A distance is known well enough when its bounds are this close to each other, as a share."""
+DIRECTIONS = 32
+"""Most directions that are tried for one distance."""
+SAME = 1e-5
+"""Corners of a region this close to each other are one: what a solver leaves of a corner that it finds twice."""
+FRICTION_STEPS = 5
+"""Halvings of the interval in which the least share of the friction is sought."""
+OUTLINE = 24
+"""Directions of a support region that is drawn."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StanceMargin:
+    """What one stance bears beyond its own weight, for any forces that its contacts may have.
+
+    Arguments:
+        frame: key frame of the stance.
+        limbs: names of the limbs that carry.
+        push_n: largest horizontal push at the centre of mass that is balanced in every direction [N].
+        support_m: how far the centre of mass may move horizontally in every direction before the contacts no longer
+            carry it [m].
+        friction_left: share of the friction that could be missing, 0 to 1.
+    """
+
+    frame: int
+    limbs: tuple[str, ...]
+    push_n: float
+    support_m: float
+    friction_left: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Contacts:
+    """The contacts of one stance.
+
+    Arguments:
+        arms_m: from the centre of mass to the points that bear, shape (n, 3) [m].
+        frames: R_WC of each, shape (n, 3, 3).
+        friction: of each, shape (n,).
+        low, high: bounds of (f_n, f_y, f_z), in units of the weight, shape (3,).
+        weight_n: of the robot [N].
+    """
+
+    arms_m: Array
+    frames: Array
+    friction: Array
+    low: Array
+    high: Array
+    weight_n: float
+
+    @property
+    def balance(self) -> Array:
+        """The map from forces to their sum and their moment about the centre of mass, shape (6, 3 n)."""
+        moments = cross(self.arms_m[:, None], self.frames.transpose(0, 2, 1)).transpose(0, 2, 1)
+        return np.concatenate([np.hstack(list(self.frames)), np.hstack(list(moments))])
+
+
+class _Program:
+    """The cone program of n contacts: forces, and a shift in the plane, of which a direction is maximised.
+
+    Variables are the shift (2,) and the forces in contact frames (n, 3), in units of the weight and of metres. One
+    solver is kept and loaded anew.
+    """
+
+    def __init__(self, contacts: int) -> None:
+        self._n, size = contacts, 2 + 3 * contacts
+        forces = np.arange(3 * contacts)
+        self._dense = np.zeros((6 + 9 * contacts, size))
+        self._dense[6 + forces, 2 + forces] = 1.0
+        self._dense[6 + 3 * contacts + forces, 2 + forces] = -1.0
+        self._cone_rows = 6 + 6 * contacts + forces, 2 + forces
+        filled = self._dense != 0.0
+        filled[:6], filled[self._cone_rows] = True, True
+        columns, rows = np.nonzero(filled.T)
+        self._places = rows, columns
+        starts = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
+        matrix = csc_array((np.ones(len(rows)), rows, starts), filled.shape)
+        cones: list[Any] = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(6 * contacts)]
+        cones += [clarabel.SecondOrderConeT(3)] * contacts
+        settings = clarabel.DefaultSettings()
+        settings.verbose = settings.presolve_enable = settings.equilibrate_enable = False
+        settings.iterative_refinement_enable = settings.chordal_decomposition_enable = False
+        settings.max_threads = 1
+        self._solver = clarabel.DefaultSolver(
+            csc_array((size, size)), np.zeros(size), matrix, np.zeros(len(self._dense)), cones, settings
+        )
+
+    def support(self, at: _Contacts, shifts: Array, friction_share: float = 1.0) -> Callable[[Array], Array | None]:
+        """The function that finds the farthest shift in a direction, until the next call; None where no forces balance.
+
+        Arguments:
+            at: the contacts.
+            shifts: what a unit of each shift adds to the balances, shape (6, 2).
+            friction_share: of the friction that there is.
+        """
+        n, dense = self._n, self._dense
+        dense[:6, :2], dense[:6, 2:] = shifts, at.balance
+        slope = np.tile([0.0, -1.0, -1.0], n)
+        slope[::3] = -friction_share * at.friction
+        dense[self._cone_rows] = slope
+        right = np.zeros(len(dense))
+        right[2], right[6 : 6 + 3 * n], right[6 + 3 * n : 6 + 6 * n] = 1.0, np.tile(at.high, n), -np.tile(at.low, n)
+        self._solver.update(A=dense[self._places].tolist(), b=right.tolist())
+        still = [0.0] * (3 * n)
+
+        def farthest(direction: Array) -> Array | None:
+            self._solver.update(q=[-float(direction[0]), -float(direction[1]), *still])
+            answer: Any = self._solver.solve()
+            return np.array(answer.x[:2]) if answer.status == clarabel.SolverStatus.Solved else None
+
+        return farthest
+
+
+PUSH = np.array([[1.0, 0.0], [0.0, 1.0], *np.zeros((4, 2))])
+"""A push F adds F to the sum of the contacts' forces."""
+SHIFT = np.array([*np.zeros((3, 2)), [0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
+"""A centre of mass that is t elsewhere takes t × e_z of the moments, in units of the weight."""
+
+
+def stance_margins(plan: Plan) -> tuple[StanceMargin, ...]:
+    """The margin of every stance of a plan, in the order of ``Course.stances``."""
+    programs: dict[int, _Program] = {}
+    found = []
+    for stance in plan.course.stances:
+        at = _contacts(plan, stance)
+        count = len(at.friction)
+        program = programs[count] = programs.get(count) or _Program(count)
+        push = _inner_distance(program.support(at, PUSH))
+        found.append(
+            StanceMargin(
+                frame=stance.frame,
+                limbs=tuple(plan.course.robot.limb_names[limb] for limb in stance.limbs),
+                push_n=push * plan.course.weight_n,
+                support_m=_inner_distance(program.support(at, SHIFT)),
+                friction_left=_friction_left(program, at),
+            )
+        )
+    return tuple(found)
+
+
+def support_region(plan: Plan, stance: Stance) -> Array:
+    """Where the centre of mass may be, in the plane, before a stance no longer carries it; corners in order.
+
+    Returns shape (K, 2) [m], empty where the stance carries it nowhere.
+    """
+    at = _contacts(plan, stance)
+    farthest = _Program(len(at.friction)).support(at, SHIFT)
+    turns = np.linspace(0.0, 2.0 * math.pi, OUTLINE, endpoint=False)
+    corners = [farthest(np.array([math.cos(turn), math.sin(turn)])) for turn in turns]
+    if any(corner is None for corner in corners):
+        return np.zeros((0, 2))
+    return np.asarray(plan.com_m[stance.frame, :2] + np.array(corners))
+
+
+def margin_group(plan: Plan) -> Group:
+    """The verifier's word on margins: the least of each over all stances, and where it is.
+
+    It is violated where the course asks for a push that some stance does not bear.
+    """
+    margins = stance_margins(plan)
+    least = {
+        name: min(margins, key=lambda margin: getattr(margin, name))
+        for name in ("push_n", "support_m", "friction_left")
+    }
+    figures: dict[str, Any] = {}
+    for name, margin in least.items():
+        figures |= {name: getattr(margin, name), f"{name.rpartition('_')[0]}_frame": margin.frame}
+    weakest, wanted = least["push_n"], _asked_push(plan.course)
+    short = max(0.0, wanted - weakest.push_n)
+    message = ""
+    if short > 0.0:
+        limbs = " ".join(weakest.limbs)
+        message = f"{limbs} at frame {weakest.frame}: {weakest.push_n:.3g} N, expected {wanted:.3g} N"
+    return Group(
+        "margin",
+        value=short,
+        unit="N",
+        where=" ".join(weakest.limbs),
+        when=float(weakest.frame),
+        message=message,
+        scale=plan.course.weight_n,
+        verdict="violated" if short > 0.0 else "holds",
+        figures=figures,
+    )
+
+
+def _asked_push(course: Course) -> float:
+    """The push that every stance has to bear [N]."""
+    return course.push_n
+
+
+def _contacts(plan: Plan, stance: Stance) -> _Contacts:
+    """The contacts of a stance, on the patches that were chosen."""
+    course, holds = plan.course, plan.course.holds[stance.frame]
+    feet = [int(holds[limb]) for limb in stance.limbs]
+    chosen = [course.patch(foot, plan.choice) for foot in feet]
+    offsets = [course.offsets_m[foot][int(plan.choice[foot])] for foot in feet]
+    counts = [len(its) for its in offsets]
+    axes = np.array([(patch.normal, patch.shear_reference) for patch in chosen])
+    points = np.concatenate([plan.toes_m[foot] + its for foot, its in zip(feet, offsets, strict=True)])
+    return _Contacts(
+        arms_m=points - plan.com_m[stance.frame],
+        frames=np.repeat(contact_frames(axes[:, 0], axes[:, 1]), counts, axis=0),
+        friction=np.repeat([patch.friction for patch in chosen], counts),
+        low=course.force_min,
+        high=course.force_max,
+        weight_n=course.weight_n,
+    )
+
+
+def _inner_distance(farthest: Callable[[Array], Array | None]) -> float:
+    """The distance from the origin to the border of a convex set that holds it, from below; 0 where it is empty.
+
+    farthest: the point of the set that is farthest in a direction.
+    """
+    found: list[tuple[float, Array]] = []
+
+    def look(turn: float) -> float:
+        direction = np.array([math.cos(turn), math.sin(turn)])
+        point = farthest(direction)
+        if point is None:
+            return 0.0
+        found.append((turn, point))
+        return float(direction @ point)
+
+    outer = math.inf
+    for turn in (0.25 * math.pi, 0.75 * math.pi, 1.25 * math.pi, 1.75 * math.pi):
+        outer = min(outer, look(turn))
+    while outer > 0.0:
+        inner, turn = _nearest_side(found)
+        if inner >= (1.0 - CLOSE) * outer or len(found) >= DIRECTIONS:
+            return max(0.0, inner)
+        before = len(found)
+        outer = min(outer, look(turn))
+        if len(found) == before:
+            break
+    return 0.0
+
+
+def _nearest_side(found: Sequence[tuple[float, Array]]) -> tuple[float, float]:
+    """The distance of the nearest side of the hull of the points, and the direction that it faces [rad]."""
+    points = [(float(x), float(y)) for _, (x, y) in sorted(found, key=lambda each: each[0])]
+    nearest, facing = math.inf, 0.0
+    for (x, y), (then_x, then_y) in zip(points, [*points[1:], points[0]], strict=True):
+        out_x, out_y = then_y - y, x - then_x
+        length = math.hypot(out_x, out_y)
+        if length > SAME and (away := (out_x * x + out_y * y) / length) < nearest:
+            nearest, facing = away, math.atan2(out_y, out_x) % math.tau
+    return (nearest, facing) if math.isfinite(nearest) else (0.0, 0.0)
+
+
+def _friction_left(program: _Program, at: _Contacts) -> float:
+    """The largest share of the friction without which there are still forces, from below."""
+    held = np.zeros((6, 2))
+
+    def stands(share: float) -> bool:
+        return program.support(at, held, share)(np.zeros(2)) is not None
+
+    enough, little = 1.0, 0.0
+    for _ in range(FRICTION_STEPS):
+        middle = 0.5 * (enough + little)
+        if stands(middle):
+            enough = middle
+        else:
+            little = middle
+    return 1.0 - enough
