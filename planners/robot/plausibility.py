@@ -24,6 +24,9 @@ ROUNDED, ROUNDED_KGM2 = 0.05, 4e-6
 """By how much rounding may break the triangle's inequality: as a share of the largest moment, and in all [kg m²].
 
 A placeholder, 1e-6 in all six entries of a frame that weighs nothing, has a largest moment of 3e-6."""
+SLIGHT = 1e-3
+"""A moment of this share of M L², M the robot's mass and L its leg, changes nothing: a sensor's frame with a
+placeholder."""
 FAR = 10.0
 """A moment of this many times m R² is one in other units."""
 LEAST_SHARE = 0.01
@@ -67,12 +70,12 @@ def body_doubts(
     """What is hard to believe of the masses of a robot's links. Raises InvalidInput as ``link_inertia`` does."""
     reach = max((leg.chain.length_m for leg in legs), default=1.0)
     masses = dict[tuple[int | None, int], float]()
-    for link in root.findall("link"):
-        name = link.get("name", "")
-        mass, centre, moments = link_inertia(link)
+    links = [(link.get("name", ""), *link_inertia(link)) for link in root.findall("link")]
+    slight = SLIGHT * sum(mass for _, mass, *_ in links) * reach**2
+    for name, mass, centre, moments in links:
         if (mount := mounts.get(name)) is not None:
             masses[mount.leg, mount.joint] = masses.get((mount.leg, mount.joint), 0.0) + mass
-        if why := _inertia_doubt(mass, moments, _size_m(name, centre, shapes, reach)):
+        if why := _inertia_doubt(mass, moments, _size_m(name, centre, shapes, reach), slight):
             yield f"link {name}", why
     total = sum(masses.values())
     if masses.get((None, -1), 0.0) < LEAST_SHARE * total:
@@ -107,11 +110,11 @@ def impossible(mass_kg: float, moments: Array) -> str:
     return ""
 
 
-def _inertia_doubt(mass: float, moments: Array, size_m: float) -> str:
+def _inertia_doubt(mass: float, moments: Array, size_m: float, slight: float) -> str:
     if why := impossible(mass, moments):
         return why
     most = FAR * mass * size_m**2
-    if mass > 0.0 and moments[2] > most + ROUNDED_KGM2:
+    if mass > 0.0 and moments[2] > max(most + ROUNDED_KGM2, slight):
         return f"a moment of inertia of {moments[2]:.3g} kg m², of {mass:.3g} kg within {size_m:.2g} m: other units?"
     return ""
 
