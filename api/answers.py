@@ -166,7 +166,7 @@ def verify(
         case LeapPlan(), None:
             return check_leap(subject)
         case Plan(), None:
-            return check_plan(subject, tolerance=tolerance, joints=True)
+            return check_plan(subject, tolerance=tolerance, joints=True, margins=True)
         case Trajectory(), None:
             return check_trajectory(subject)
         case (Dataset() | LeapTries() | str() | Path()), None:

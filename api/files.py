@@ -121,7 +121,7 @@ def save(
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Plan():
-            plan_file.write_plan(path, thing, check_plan(thing, joints=True))
+            plan_file.write_plan(path, thing, check_plan(thing, joints=True, margins=True))
         case Trajectory():
             trajectory_file.write_trajectory(path, thing, check_trajectory(thing))
         case Learned():

@@ -266,6 +266,7 @@ class PlanCourse:
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.figures['goal_m']:.0f} mm from the goal"
         yield from bent_lines(outcome.details)
         yield report.body_message
+        yield report.margin_message
         yield from (f"cannot be run: {line}" for line in plan.course.robot.source.unrunnable)
         if (at := outcome.message.find(LATE)) >= 0:
             yield f"{outcome.message[at:]}; --time-limit-s sets it, now to {self.time_limit_s:g} s"

@@ -55,6 +55,8 @@ PLAN_GROUPS = {
 """Those of a plan: those of its stances, and what couples its key frames."""
 WHOLE_BODY = ("joints", "torque", "bodies", "motion")
 """Groups of a plan that are of more of the robot than its contacts; motion is bodies between key frames."""
+MARGIN = "margin"
+"""The group of a plan that measures what its stances bear beyond the weight."""
 LATE = "the time limit ended"
 """The beginning of a group's message where the time ended before the group was checked."""
 OPTIONAL = ("modes", "joints_rad")
@@ -250,7 +252,7 @@ class Report(Generic[S]):
         """A line on the groups of a plan's whole body that somebody asked for; empty where nobody did."""
         said = list[tuple[str, str]]()
         for group in self._of_body:
-            if group.verdict == "not asked for":
+            if group.verdict == "not asked for" or (group.name == MARGIN and group.verdict == "holds"):
                 continue
             name, verdict = group.name, OLD_VERDICTS.get(group.verdict, "NOT CHECKED")
             reason = f" ({group.message})" if group.message else ""
@@ -258,6 +260,19 @@ class Report(Generic[S]):
                 name = f"{said.pop()[0]}, {name}"
             said.append((name, verdict + reason))
         return "; ".join(f"{name}: {verdict}" for name, verdict in said)
+
+    @property
+    def margin_message(self) -> str:
+        """A line on what a plan's stances bear beyond the weight; empty where nobody measured it."""
+        margin = next((group for group in self.groups if group.name == MARGIN), None)
+        if margin is None:
+            return ""
+        at, weight_n = margin.figures, cast("Plan", self.answer).course.weight_n
+        return (
+            f"every stance bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the weight, least at "
+            f"frame {at['push_frame']}); the centre of mass is {1e3 * at['support_m']:.0f} mm inside (frame "
+            f"{at['support_frame']}); {at['friction_left']:.0%} of the friction is spare (frame {at['friction_frame']})"
+        )
 
     @property
     def failures(self) -> str:
@@ -302,7 +317,11 @@ class Report(Generic[S]):
         then = "; " if " as far as " in verdict else ": "
         if self.contacts and not self.accepted:
             failed = {group.name for group in self.refused}
-            reasons = {"the joints cannot do it": {"joints", "torque"}, "bodies collide": {"bodies", "motion"}}
+            reasons = {
+                "the joints cannot do it": {"joints", "torque"},
+                "bodies collide": {"bodies", "motion"},
+                "a push is too much": {MARGIN},
+            }
             words = " and ".join(reason for reason, names in reasons.items() if names & failed)
             return f"{verdict}: contacts hold, {words}"
         group = max(self._of_contacts, key=lambda g: g.worst)
@@ -334,13 +353,15 @@ class Report(Generic[S]):
 
     @property
     def _of_body(self) -> list[Group]:
-        """The groups of a plan's whole body."""
-        return [g for g in self.groups if g.name in WHOLE_BODY] if isinstance(self.answer, Plan) else []
+        """The groups of a plan's whole body and of its margins."""
+        names = (*WHOLE_BODY, MARGIN)
+        return [group for group in self.groups if group.name in names] if isinstance(self.answer, Plan) else []
 
     @property
     def _of_contacts(self) -> list[Group]:
-        """All groups but those of a plan's whole body."""
-        return [g for g in self.groups if g.name not in WHOLE_BODY or not isinstance(self.answer, Plan)]
+        """All groups but those of a plan's whole body and of its margins."""
+        names = (*WHOLE_BODY, MARGIN) if isinstance(self.answer, Plan) else ()
+        return [group for group in self.groups if group.name not in names]
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""

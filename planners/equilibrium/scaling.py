@@ -88,7 +88,7 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         friction=np.array([patch.friction for patch in patches]),
         shoulders=np.array([limb.shoulder_m for limb in limbs]) / scale,
         reach=np.array([limb.reach_m for limb in limbs]) / scale,
-        force_min=np.tile(course.force_min, (carrying, 1)),
+        force_min=_force_min(course, layout),
         force_max=np.tile(course.force_max, (carrying, 1)),
         weight=1.0,
         com=course.com_nominal_m / scale,
@@ -108,6 +108,14 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         pushes=pushes,
         standing=_standing(course, layout),
     )
+
+
+def _force_min(course: Course, layout: Layout) -> Array:
+    """``Scaled.force_min`` of a course; under a push a foot may press less than it has to at rest."""
+    least = np.tile(course.force_min, (len(layout.contact_points), 1))
+    pushed = layout.contacts[0] >= layout.unpushed
+    least[pushed, 0] = np.minimum(least[pushed, 0], 0.0)
+    return least
 
 
 def _standing(course: Course, layout: Layout) -> Array:

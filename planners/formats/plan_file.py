@@ -157,7 +157,7 @@ def check_file(
     if course is not None and (other := course_difference(plan.course, course(plan.course.frames))):
         raise InvalidInput(f"{path}: expected a plan of that course, got one of another: {other}")
     said = header["verdict"]
-    report = check_plan(plan, tolerance=tolerance, joints=joints)
+    report = check_plan(plan, tolerance=tolerance, joints=joints, margins=joints)
     listed = {name: report.group(name).verdict for name in WHOLE_BODY if name in said.get("checked", ())}
     found = report.contacts and "violated" not in listed.values()
     same = found == said["accepted"] == header["verified"]
@@ -167,6 +167,7 @@ def check_file(
     parts = [
         report.message,
         report.body_message,
+        report.margin_message,
         "" if same else "the file claims another verdict",
         f"the file lists as checked what nobody can check: {', '.join(unfounded)}" if unfounded else "",
         f"a file of {older}, which has no hulls of its robot's meshes" if older else "",

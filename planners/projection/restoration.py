@@ -154,7 +154,7 @@ class Restoration:
         world = self._distribution.forces(
             self._plan.course, arms, self._patches[frame], np.isin(np.arange(scaled.layout.limbs), limbs),
             loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
-            reserves=(self.friction_share,), least=float(scaled.force_min[:, 0].max(initial=0.0)),
+            reserves=(self.friction_share,), least=float(scaled.force_min[scaled.layout.contacts[0] == stance, 0].max(initial=0.0)),
             push=scaled.pushes[stance] if scaled.layout.pushes else None,
         )  # fmt: skip
         if world is None:

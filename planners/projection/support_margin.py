@@ -12,8 +12,11 @@ import numpy as np
 
 from ..answer.plan import Plan
 from ..problem.course import Course
+from ..verify.margins import stance_margins
 from .force_distribution import ForceDistribution
 
+PUSHES = (0.05, 0.025)
+"""Shares of the weight: horizontal pushes at the body that every stance bears, the most cautious first."""
 PRESSES = (0.2, 0.1, 0.05)
 """Shares of the weight that every foot that carries bears at least, the most cautious first."""
 
@@ -25,6 +28,17 @@ def pressing(course: Course, share: float) -> Course:
     """
     least = max(float(course.force_min[0]), share)
     return replace(course, force_min=np.array([least, *course.force_min[1:]]))
+
+
+def pushed(course: Course, share: float) -> Course:
+    """The course in which every stance bears a push of this share of the weight, or what the course asks for already."""
+    return replace(course, push_n=max(course.push_n, share * course.weight_n))
+
+
+def push_share(plan: Plan) -> float:
+    """The largest of ``PUSHES`` that every stance of a plan bears, as it is; 0 for none."""
+    least = min(margin.push_n for margin in stance_margins(plan, pushes_alone=True))
+    return next((share for share in PUSHES if least >= share * plan.course.weight_n), 0.0)
 
 
 def steady(plan: Plan, share: float) -> bool:

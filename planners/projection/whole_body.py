@@ -36,7 +36,7 @@ from .force_distribution import EASY
 from .joint_ranges import keeps_to
 from .largest_torque import largest, on_the_way
 from .restoration import Restoration, Restored
-from .support_margin import pressing
+from .support_margin import pressing, push_share, pushed
 from .whole_body_limits import WholeBodyLimits
 from .whole_body_step import TORQUE_PRICE, WholeBodyGiven, WholeBodyStep
 
@@ -131,7 +131,19 @@ def whole_body(
     solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
     angles = np.array([answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)])
     plan = replace(plan, joints_rad=angles)
-    first = found = _at_key_frames(plan, limits, solver, deadline)
+    found = _bent(plan, limits, solver, deadline)
+    if found.steps and push_share(found.plan) < push_share(plan):
+        other = _bent(plan, limits, solver, deadline, braced=True)
+        if other.after.excess <= found.after.excess and push_share(other.plan) > push_share(found.plan):
+            return replace(other, steps=found.steps + other.steps)
+    return found
+
+
+def _bent(
+    plan: Plan, limits: WholeBodyLimits, solver: Kinematics, deadline: float, *, braced: bool = False
+) -> WholeBodyPlan:
+    """As ``whole_body`` of a plan with joint angles; braced: its stances go on bearing the pushes that they bear."""
+    first = found = _at_key_frames(plan, limits, solver, deadline, braced=braced)
     if limits.torque_nm is None or not limits.steps or not first.after.share <= 1.0:
         return found
     share = most = on_the_way(found.plan, solver, limits.of(solver))
@@ -140,7 +152,7 @@ def whole_body(
         if most <= ROOM or time.perf_counter() > deadline:
             break
         aim = replace(aim, torque_nm=ROOM * aim.of(solver).max() / share)
-        other = _at_key_frames(plan, aim, solver, deadline)
+        other = _at_key_frames(plan, aim, solver, deadline, braced=braced)
         share = on_the_way(other.plan, solver, limits.of(solver))
         its = replace(other.after, share=largest(other.plan, solver, limits.of(solver))[0])
         reserved = _friction(other.plan) <= _friction(found.plan)  # of which torque is not to cost anything
@@ -157,7 +169,9 @@ def _friction(plan: Plan) -> float:
     return float(plan.provenance.get("friction_share", 1.0))
 
 
-def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics, deadline: float) -> WholeBodyPlan:
+def _at_key_frames(
+    plan: Plan, limits: WholeBodyLimits, solver: Kinematics, deadline: float, *, braced: bool
+) -> WholeBodyPlan:
     """As ``whole_body`` of a plan with joint angles, with torques looked at at key frames only."""
     said = {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}  # what the verifier holds it to
     plan = replace(plan, provenance={**plan.provenance, **said})
@@ -191,7 +205,7 @@ def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics, dead
         if np.isinf(apart_m) and after.excess[1]:
             continue
         looks = None if np.isinf(apart_m) else clearance
-        stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s)
+        stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s, braced=braced)
         found, steps = stage.run(collides=after.excess[1] > 0.0)
         late = late or stage.late
         if found is None or (clearance is None and not check_plan(found).accepted):
@@ -228,7 +242,8 @@ class _State:
 
 
 class _Stage:
-    """One plan on its way. apart_m: how far apart the moments are that it looks at. deadline: no step is begun that
+    """One plan on its way. apart_m: how far apart the moments are that it looks at. braced: stances go on bearing the
+    pushes that they bear. deadline: no step is begun that
     would end after it (``time.perf_counter()``), by how long the one before took."""
 
     def __init__(
@@ -239,13 +254,17 @@ class _Stage:
         clearance: PathClearance | None,
         apart_m: float,
         deadline: float,
+        *,
+        braced: bool,
     ) -> None:
         self._deadline, self.late = deadline, False
         self._plan, self._solver, self._limits, self._limit_nm = plan, solver, limits, limits.of(solver)
         self._clearance, self._apart_m = clearance, apart_m
         self._bounds = solver.lowest_rad, solver.highest_rad
-        pressed = pressing(plan.course, float(plan.provenance.get("press_share", 0.0)))
-        self._scaled, self._programs = Scaled.of(pressed).chosen(plan.choice), Programs()
+        course = pressing(plan.course, float(plan.provenance.get("press_share", 0.0)))
+        if braced:
+            course = pushed(course, push_share(plan))
+        self._scaled, self._programs = Scaled.of(course).chosen(plan.choice), Programs()
 
     def run(self, *, collides: bool) -> tuple[Plan | None, int]:
         """The best plan that was met, None where not even the first was one, and how many steps it took."""

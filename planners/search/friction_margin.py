@@ -16,8 +16,9 @@ from functools import cache
 
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
+from ..files.arrays import Array
 from ..problem.course import Course
-from ..projection.support_margin import PRESSES, pressing, steady
+from ..projection.support_margin import PRESSES, PUSHES, push_share, pressing, pushed, steady
 from ..terrain.patch import Patch
 from .answer import CoursePlanner, Limitable
 from .two_stage import TwoStageCoursePlanner
@@ -58,9 +59,9 @@ def plan_with_reserve(
 
     Where that plan balances on an edge, one in which every foot that carries presses with such a share of the weight is
     taken, the first of ``presses`` that has one. Where no share has a plan, the answer for the last one, by default the
-    course as it is: only that one proves anything of it. ``provenance`` says which of several shares of friction, and
-    which share of the weight, it was. deadline: when all of this has to end (``time.perf_counter()``), for planners
-    whose time can be limited (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and
+    course as it is: only that one proves anything of it. ``provenance`` says which of several shares of friction, which
+    share of the weight feet press with, and which push of all stances is borne, it was. deadline: when all of this has
+    to end (``time.perf_counter()``), for planners whose time can be limited (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and
     ``presses`` may take ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where the planner is not
     made for the course.
     """
@@ -81,12 +82,19 @@ def plan_with_reserve(
         )
         if outcome.solution is not None:
             outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
+            outcome, push = (
+                _braced(planner, pressing(dulled, press), outcome, course.force_min, cautious)
+                if presses
+                else (outcome, 0.0)
+            )
             assert outcome.solution is not None
             provenance = {**outcome.solution.provenance, **({"friction_share": share} if len(shares) > 1 else {})}
             if press > 0.0:
                 provenance["press_share"] = press
+            if push > 0.0:
+                provenance["push_share"] = push
             plan: Plan = replace(outcome.solution, course=course, provenance=provenance)
-            exact = share >= 1.0 and press == 0.0  # a bound of another course bounds nothing here
+            exact = share >= 1.0 and outcome.problem is dulled  # a bound of another course bounds nothing here
             return replace(outcome, solution=plan, problem=course, bound=outcome.bound if exact else float("nan"))
     return outcome or Answer(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)
 
@@ -112,14 +120,36 @@ def _firmer(
     assert outcome.solution is not None
     if not presses or steady(outcome.solution, min(presses)):
         return outcome, 0.0
-    if isinstance(planner, TwoStageCoursePlanner):
-        planner = copy(planner)
-        planner.cuts = False  # nobody waits half a minute for a plan that is only better to have
     for press in presses:
-        limited = in_time(planner, deadline)
+        limited = in_time(_quick(planner), deadline)
         if limited is None:
             break
         firmer = limited.solve(pressing(course, press))
         if firmer.solution is not None:
             return firmer, press
     return outcome, 0.0
+
+
+def _braced(
+    planner: CoursePlanner, course: Course, outcome: Answer[Plan], least: Array, deadline: float
+) -> tuple[Answer[Plan], float]:
+    """The same, or where some stance of its plan bears no push one whose stances do; and the share of the weight that
+    they bear: 0 for none. least: bounds of the forces that hold under a push."""
+    assert outcome.solution is not None
+    borne = push_share(replace(outcome.solution, course=replace(course, force_min=least)))
+    for share in PUSHES:
+        limited = None if share <= borne else in_time(_quick(planner), deadline)
+        if limited is None:
+            break
+        braced = limited.solve(pushed(course, share))
+        if braced.solution is not None:
+            return braced, share
+    return outcome, borne
+
+
+def _quick(planner: CoursePlanner) -> CoursePlanner:
+    """The planner without cuts in space: nobody waits half a minute for a plan that is only better to have."""
+    if isinstance(planner, TwoStageCoursePlanner):
+        planner = copy(planner)
+        planner.cuts = False
+    return planner

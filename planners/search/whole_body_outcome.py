@@ -8,13 +8,14 @@ from dataclasses import replace
 
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
-from ..answer.report import LATE
+from ..answer.report import LATE, MARGIN
 from ..errors import InvalidInput, TimeEnded, check_time
 from ..files.arrays import Array
 from ..projection.whole_body import whole_body
 from ..projection.whole_body_limits import WholeBodyLimits
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
+from ..verify.margins import margin_group
 from .answer import objective_of
 
 LOG = logging.getLogger(__name__)
@@ -53,6 +54,8 @@ def with_whole_body(
             raise
     LOG.info("plan: bent in %g steps", details.get("torque_steps", 0.0))
     report = report or check_plan(plan, joints=True, deadline=deadline)  # which nothing was asked of yet
+    if not any(group.name == MARGIN for group in report.groups) and not report.defect:
+        report = replace(report, groups=(*report.groups, margin_group(plan)))
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
     return replace(

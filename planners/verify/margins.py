@@ -148,8 +148,11 @@ SHIFT = np.array([*np.zeros((3, 2)), [0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
 """A centre of mass that is t elsewhere takes t × e_z of the moments, in units of the weight."""
 
 
-def stance_margins(plan: Plan) -> tuple[StanceMargin, ...]:
-    """The margin of every stance of a plan, in the order of ``Course.stances``."""
+def stance_margins(plan: Plan, *, pushes_alone: bool = False) -> tuple[StanceMargin, ...]:
+    """The margin of every stance of a plan, in the order of ``Course.stances``.
+
+    pushes_alone: measure the pushes, and leave the rest at nan.
+    """
     programs: dict[int, _Program] = {}
     found = []
     for stance in plan.course.stances:
@@ -162,8 +165,8 @@ def stance_margins(plan: Plan) -> tuple[StanceMargin, ...]:
                 frame=stance.frame,
                 limbs=tuple(plan.course.robot.limb_names[limb] for limb in stance.limbs),
                 push_n=push * plan.course.weight_n,
-                support_m=_inner_distance(program.support(at, SHIFT)),
-                friction_left=_friction_left(program, at),
+                support_m=math.nan if pushes_alone else _inner_distance(program.support(at, SHIFT)),
+                friction_left=math.nan if pushes_alone else _friction_left(program, at),
             )
         )
     return tuple(found)

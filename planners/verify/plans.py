@@ -46,6 +46,7 @@ def check_plan(
     tolerance: float = 1e-6,
     joints: bool = False,
     between: bool = True,
+    margins: bool = False,
     deadline: float = math.inf,
 ) -> Report[Plan]:
     """Check every constraint of the course at the plan; never raises for a bad plan.
@@ -53,13 +54,18 @@ def check_plan(
     tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
     weight, moments in their product and angles in rad. joints: judge joints, torques and bodies, at key frames and on
     the way between them, too. between: recompute points between the frames; without them, what convexity proves of the
-    way is taken as proved. deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
+    way is taken as proved. margins: measure what every stance bears beyond its weight; of a course that asks for a push
+    they always are. deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
     by then is not checked.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
     body = check_whole_body(plan, deadline=deadline) if joints else NOT_ASKED
+    if margins or plan.course.push_n > 0.0:
+        from .margins import margin_group  # Clarabel and scipy's matrices, of this alone
+
+        body = (*body, margin_group(plan))
     with np.errstate(all="ignore"):
         return _Sweep(plan, tolerance).report(body, BETWEEN if between else ())
 
