@@ -20,6 +20,7 @@ from stancekit.planners.files.validation import shown
 from stancekit.planners.formats.leap_file import is_leap_file, read_leap
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem.alternatives import AS_ASKED
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
@@ -57,6 +58,7 @@ def plan(
     frames: int | None = None,
     robot: Robot | str | Path | None = None,
     body: WholeBodyLimits = WholeBodyLimits(),
+    push_n: float = 0.0,
     time_limit_s: float = 60.0,
     **old: Any,
 ) -> Answer[Plan]: ...
@@ -72,6 +74,7 @@ def plan(
     frames: int | None = None,
     robot: Robot | str | Path | None = None,
     body: WholeBodyLimits = WholeBodyLimits(),
+    push_n: float = 0.0,
     time_limit_s: float = 60.0,
     **old: Any,
 ) -> Answer[Plan] | Answer[LeapPlan]:
@@ -92,6 +95,9 @@ def plan(
         frames: number of key frames M, where not the course's own.
         robot: in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file (extra kin).
         body: limits of joints and bodies; a plan that breaks them is bent until it keeps them.
+        push_n: horizontal push at the centre of mass, in any direction, that every stance has to bear [N]; a course of
+            its own may ask for more. Without one a plan that bears 5 % of the weight is sought, then 2.5 %, and the
+            report says what it bears. "two-stage" alone, and *infeasible* is not said with it.
         time_limit_s: for all of it, bending and judging included; what is not decided by then is undecided, and what
             there is so far is in the outcome [s]. A planner that was made before keeps to its own limit, too.
         old: settings of methods and limits as arguments, which is the old form.
@@ -117,12 +123,14 @@ def plan(
         course = read_leap(course).leap
     if isinstance(course, Leap):
         beside_leap = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m, "frames": frames, "robot": robot, **old}
+        if push_n:
+            raise InvalidInput("push_n: expected none with a leap, whose stances are not pushed yet")
         if body != WholeBodyLimits():
             raise InvalidInput("body: expected none with a leap, whose joints and bodies are not judged yet")
         return _leap(course, method, beside_leap, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}")
-    beside = ("course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "time_limit_s")
+    beside = ("course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "push_n", "time_limit_s")
     given = old_arguments("plan", old, OLD, beside) if old else {}
     called = "planner" if "planner" in given else "method"
     method = given.pop("planner", method)
@@ -144,7 +152,8 @@ def plan(
     else:
         assert not isinstance(method, LeapFinder)
         planner = course_through_verifier(method)
-    return plan_course(question, planner, shares=shares, limits=limits, deadline=deadline)
+    push_n = checked_number(push_n, "push_n", least=0.0)
+    return plan_course(question, planner, shares=shares, limits=limits, push_n=push_n, deadline=deadline)
 
 
 def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: float) -> Answer[LeapPlan]:
@@ -200,7 +209,7 @@ def _question(
             raise InvalidInput(f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none")
         if Path(name).suffix == ".json":
             return read_course(name, frames, who)
-        return lambda sets: read_course(name, frames, who, sets)
+        return lambda sets, way=AS_ASKED: read_course(name, frames, who, sets, alternative=way)
     if robot is not None:
         raise InvalidInput(f"robot: expected none with a course that is laid out, got {_called(robot)}")
     if frames not in (None, course.frames):

@@ -36,6 +36,7 @@ SETTINGS = (
     "solver",
     "intervals",
     "max_solves",
+    "push_n",
     "time_limit_s",
 )
 """What a planner's complaint may begin with that is an option here."""
@@ -97,6 +98,9 @@ class PlanCourse:
     holds it to that. Without it, a plan for a robot's file keeps to the file's limits."""
     torque_share: float = 0.9
     """Where a plan asks for more torque than there is, it is bent until this share of it is enough."""
+    push_n: float = 0.0
+    """Horizontal push at the body, in any direction, that every stance has to bear [N]. Without it a plan that bears
+    5 % of the weight is sought, then 2.5 %; what it bears is said. two-stage."""
     between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(default_factory=Between)
     """From where to where over a terrain's file."""
     clearance_m: float = 0.005
@@ -144,7 +148,10 @@ class PlanCourse:
             question = self.between.question(self.course, self.frames, self.robot, self.reach)
             asked = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
-            outcome = plan(question, planner, **asked, body=limits, time_limit_s=left_s)
+            with as_options("push_n"):
+                outcome = plan(
+                    question, planner, **asked, body=limits, push_n=self.push_n, time_limit_s=left_s
+                )
         course, report = cast("Course", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)
@@ -263,6 +270,8 @@ class PlanCourse:
             yield f"planned with {100 * share:.0f} % of the friction"
         if press := plan.provenance.get("press_share"):
             yield f"every foot that carries presses with {100 * press:.0f} % of the weight or more"
+        if layout := plan.provenance.get("layout"):
+            yield f"laid out in another way than asked for, over which no plan was accepted: {layout}"
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.figures['goal_m']:.0f} mm from the goal"
         yield from bent_lines(outcome.details)
         yield report.body_message

@@ -156,8 +156,8 @@ class PlanVariables:
 
         Σ f is fixed to the weight (E5), so that it is Σ p_w × f − c × w e_z, linear in c.
         """
-        borne = self.scaled.borne
-        return added(moments, stance, len(borne)) - cross(self.com[self.layout.stance_frames], borne)
+        borne = _borne(self.scaled)
+        return added(moments, stance, len(self.layout.stances)) - cross(self.com[self.layout.stance_frames], borne)
 
     def objective(self) -> cp.Expression:
         """Σ of squares: the last c to the goal, c to its nominal path, Θ, and the steps of c and of the toes (§II)."""
@@ -217,8 +217,15 @@ class ContactForces:
 
     def balance(self) -> Terms:
         """Σ f = w e_z in every stance (E5)."""
-        borne = self._scaled.borne
-        return {"balance": added(self.world, self.stance, len(borne)) - borne == 0}
+        borne = _borne(self._scaled)
+        return {"balance": added(self.world, self.stance, len(self._scaled.layout.stances)) - borne == 0}
+
+
+def _borne(scaled: Scaled) -> Any:
+    """What the contacts of every stance bear in all, shape (S, 3): the weight, which may be a parameter, less a push."""
+    if scaled.layout.pushes:
+        return scaled.borne
+    return scaled.weight * np.tile([0.0, 0.0, 1.0], (len(scaled.layout.stances), 1))
 
 
 def within(moment: cp.Expression) -> tuple[cp.Expression, Terms]:

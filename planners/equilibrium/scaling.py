@@ -128,7 +128,7 @@ def _standing(course: Course, layout: Layout) -> Array:
 
 
 def _pushes(course: Course, stances: int) -> Array:
-    """``Scaled.pushes`` of a course: first none, then the corners of a square about the disc of pushes that it asks for."""
+    """``Scaled.pushes`` of a course: first none, then the corners of a square about the disc of pushes it asks for."""
     if course.push_n == 0.0:
         return np.zeros((0, 3))
     corner = np.sqrt(2.0) * course.push_n / course.weight_n

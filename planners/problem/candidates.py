@@ -20,7 +20,11 @@ TOUCH_M = 0.01
 """Terrain this close to a toe does not hide its place [m]."""
 
 
-class NoFooting(InvalidInput):
+class NoPlace(InvalidInput):
+    """A limb has nothing to stand on where a layout wants it."""
+
+
+class NoFooting(NoPlace):
     """A limb has nothing to stand on within its reach wherever the body may be: there is no plan."""
 
 
@@ -45,43 +49,46 @@ class CandidatePatches:
         self._all_normals = np.array([surface.patch.normal for surface in each]).reshape(-1, 3)
         self._all_offsets = np.array([surface.patch.normal @ surface.patch.centre_m for surface in each])
 
-    def near(self, point_m: Array, reach_m: float) -> NDArray[np.int_]:
-        """Those that face a point and may come within reach of it, in order."""
-        away = point_m - self._centres
-        heights = np.einsum("ij,ij->i", away, self._normals)
+    def near(self, shoulder_m: Array, hip_m: Array, reach_m: float) -> NDArray[np.int_]:
+        """Those that face a hip and may come within reach of a shoulder, in order."""
+        away = shoulder_m - self._centres
+        heights = np.abs(np.einsum("ij,ij->i", away, self._normals))
         close = np.linalg.norm(away, axis=1) - self._radii <= reach_m
-        return np.flatnonzero(close & (heights > 0.0) & (heights <= reach_m))
+        faces = np.einsum("ij,ij->i", hip_m - self._centres, self._normals) > 0.0
+        return np.flatnonzero(close & faces & (heights <= reach_m))
 
     def candidates(
         self, limb: Limb, shoulder_m: Array, toe_m: Array, count: int, window_m: float
     ) -> list[tuple[int, Patch]]:
         """The nearest surfaces to a wanted toe, by index, and the piece of each about the toe's place on it.
 
-        Only surfaces that face the shoulder, with nothing between it and the toe's place.
+        Only surfaces that face the hip, with nothing between it and the toe's place.
         """
+        hip_m = limb.hip_at(shoulder_m)
         indices, places = self._places(limb, shoulder_m, toe_m)
         order = np.lexsort((indices, np.linalg.norm(places - toe_m, axis=1)))
         pieces = list[tuple[int, Patch]]()
         for index, place in zip(indices[order].tolist(), places[order], strict=True):
             if len(pieces) == count:
                 break
-            piece = None if self._hidden(place, shoulder_m) else self.surfaces[index].window(place, window_m)
+            piece = None if self._hidden(place, hip_m) else self.surfaces[index].window(place, window_m)
             if piece is not None:
                 pieces.append((index, piece))
         return pieces
 
-    def everywhere(self, shoulder_m: Array, slack_m: float, toe_m: Array, reach_m: float) -> list[tuple[int, Patch]]:
+    def everywhere(self, limb: Limb, shoulder_m: Array, slack_m: float, toe_m: Array) -> list[tuple[int, Patch]]:
         """All within reach of a shoulder that is somewhere within ``slack_m`` of here, the nearest to a toe first,
         clipped to squares that hold it.
 
         What faces away from all of these places is none; what other terrain hides is not left out.
         """
-        reach_m += slack_m
+        reach_m, hip_m = limb.reach_m + slack_m, limb.hip_at(shoulder_m)
         pieces = list[tuple[float, int, Patch]]()
         for index in np.flatnonzero(np.linalg.norm(shoulder_m - self._centres, axis=1) - self._radii <= reach_m):
             surface = self.surfaces[index]
             height = surface.height(shoulder_m)
-            if not -slack_m < height <= reach_m or np.linalg.norm(surface.nearest(shoulder_m) - shoulder_m) > reach_m:
+            faces = surface.height(hip_m) > -slack_m
+            if not faces or abs(height) > reach_m or np.linalg.norm(surface.nearest(shoulder_m) - shoulder_m) > reach_m:
                 continue
             piece = surface.window(shoulder_m, 2.0 * float(np.sqrt(reach_m**2 - height**2)))
             if piece is not None:
@@ -93,7 +100,7 @@ class CandidatePatches:
 
         The nearest point, drawn towards the shoulder until well in reach.
         """
-        near = self.near(shoulder_m, limb.reach_m)
+        near = self.near(shoulder_m, limb.hip_at(shoulder_m), limb.reach_m)
         if not len(near):
             return near, np.zeros((0, 3))
         feet, places = self._nearest(near, shoulder_m), self._nearest(near, toe_m)
@@ -113,13 +120,13 @@ class CandidatePatches:
         on = nearest(self._rooms[chosen], flat)
         return np.asarray(origins + np.matmul(on[:, None], axes.transpose(0, 2, 1))[:, 0])
 
-    def _hidden(self, place_m: Array, shoulder_m: Array) -> bool:
-        """Whether terrain lies between a shoulder and a place for its toe."""
-        here, there = (self._all_normals @ point - self._all_offsets for point in (shoulder_m, place_m))
-        way = float(np.linalg.norm(place_m - shoulder_m))
+    def _hidden(self, place_m: Array, hip_m: Array) -> bool:
+        """Whether terrain lies between a hip and a place for its toe."""
+        here, there = (self._all_normals @ point - self._all_offsets for point in (hip_m, place_m))
+        way = float(np.linalg.norm(place_m - hip_m))
         crossed = (here * there < 0.0) & (np.abs(there) * way > TOUCH_M * np.abs(here - there))
         for index in np.flatnonzero(crossed):
-            point = shoulder_m + here[index] / (here[index] - there[index]) * (place_m - shoulder_m)
+            point = hip_m + here[index] / (here[index] - there[index]) * (place_m - hip_m)
             if self._all[index].covers(point):
                 return True
         return False
@@ -133,7 +140,8 @@ class CandidatePatches:
         best = int(np.argmin(gaps))
         surface, message = self.surfaces[best], ""
         if gaps[best] <= limb.reach_m:
-            message = ", which faces away" if surface.height(shoulder_m) <= 0.0 else ", which other terrain hides"
+            faces = surface.height(limb.hip_at(shoulder_m)) > 0.0
+            message = ", which other terrain hides" if faces else ", which faces away"
         place = ", ".join(f"{value:.3g}" for value in shoulder_m)
         return (
             f"{where}: expected a surface within its reach of {limb.reach_m:g} m of its shoulder at ({place}), the "

@@ -52,8 +52,8 @@ class Course:
         force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the weight, shape (3,).
         modes: mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,): for reports only.
         push_n: horizontal push at the centre of mass, in any direction, that every stance has to bear [N].
-        standing_m: from the centre of mass to each toe as the robot stands at each frame, which ``weights.stance`` draws
-            toes to, shape (M, N, 3) [m].
+        standing_m: from the centre of mass to each toe as the robot stands at each frame, to which ``weights.stance``
+            draws toes, shape (M, N, 3) [m].
     Raises:
         InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers out of range.
     Source:

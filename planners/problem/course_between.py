@@ -24,10 +24,12 @@ from ..robot.model import Limb, Robot
 from ..terrain.footholds import Footholds
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
+from .alternatives import AS_ASKED, Alternative
 from .course import MOST_FRAMES, Course
 from .course_keys import CourseSpec
-from .course_layout import build_course, toe_offset
+from .course_layout import build_course
 from .file_terrain import FileTerrain
+from .toe_offset import toe_offset
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -58,6 +60,7 @@ def course_between(
     frames: int | None = None,
     name: str = "",
     folder: Path = Path(),
+    alternative: Alternative = AS_ASKED,
 ) -> CourseSpec:
     """The course over a terrain's file from one place (x, y) [m] to another, the robot facing along x.
 
@@ -76,7 +79,7 @@ def course_between(
     spec = described()
     model = spec.robot_model(folder)
     body = spec.make_robot(model)
-    spec = spec.standing(model, body)
+    spec = alternative.of(spec.standing(model, body), body)
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     found = terrain.along(np.array(keys["goal_m"])[None], folder)
@@ -84,6 +87,8 @@ def course_between(
     way = lattice.way(np.array(start_m, dtype=np.float64), np.array(goal_m, dtype=np.float64), body)
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
     turns = 2 if gait == "tripod" else len(body.limbs)
+    if alternative.gait is not None:
+        turns = len(body.limbs)
     stride = STRIDE * reach / turns
     length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
     wanted = max(2, int(np.ceil(length / stride)) + 1) if frames is None else frames
@@ -94,10 +99,11 @@ def course_between(
         )
     last = max(1.0, length / max(wanted - 1, 1) / stride)  # fewer frames than that take longer steps
     update = {
-        "frames": wanted, "gait": gait, "start_m": tuple(way[0].tolist()), "goal_m": tuple(way[-1].tolist()),
+        "frames": wanted, "gait": gait if alternative.gait is None else spec.gait,
+        "start_m": tuple(way[0].tolist()), "goal_m": tuple(way[-1].tolist()),
         "via_m": [tuple(point) for point in way[1:-1].tolist()],
         "candidates": {
-            "count": CANDIDATES, "window_m": float(np.clip(0.8 * reach, 0.1, 0.5)),
+            "count": CANDIDATES + alternative.candidates, "window_m": float(np.clip(0.8 * reach, 0.1, 0.5)),
             "margin_m": terrain.footholds.margin_m,
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
@@ -112,7 +118,7 @@ def laid_between(
     *,
     robot: Robot | str | None = None,
     frames: int | None = None,
-) -> Callable[[Sets], Course]:
+) -> Callable[[Sets, Alternative], Course]:
     """What lays out the course over a terrain from one place (x, y) [m] to another, see ``course_between``.
 
     terrain: its footholds, or its file.
@@ -124,13 +130,14 @@ def laid_between(
     over = FileTerrain.of(terrain) if isinstance(terrain, Footholds) else FileTerrain(file=str(Path(terrain).resolve()))
     who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
 
-    def laid_out(sets: Sets) -> Course:
+    def laid_out(sets: Sets, alternative: Alternative = AS_ASKED) -> Course:
         try:
-            spec = course_between(over, start, goal, robot=who, frames=count)
+            spec = course_between(over, start, goal, robot=who, frames=count, alternative=alternative)
             return build_course(spec, sets=sets)
         except InvalidInput as error:
             name, colon, rest = str(error).partition(":")
-            raise InvalidInput(f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)) from None
+            said = f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)
+            raise type(error)(said) from None
 
     return laid_out
 

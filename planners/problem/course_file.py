@@ -15,6 +15,7 @@ from ..files.validation import validation_errors
 from ..plugins import split_name
 from ..robot.model import Robot
 from ..terrain.families import TERRAIN_FAMILIES, drawn_name
+from .alternatives import AS_ASKED, Alternative
 from .course import Course
 from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
@@ -33,6 +34,7 @@ def read_course(
     robot: Robot | str | None = None,
     sets: Sets = "inner",
     reach: str | Path | None = None,
+    alternative: Alternative = AS_ASKED,
 ) -> Course:
     """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one posture, explicitly.
 
@@ -43,6 +45,7 @@ def read_course(
     files either.
     sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs. reach: a
     folder of reach polytopes for the limbs, in place of their own (``robot.reach_file``); not for JSON files.
+    alternative: another way to lay out a YAML file.
     Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no place to stand.
     """
     if Path(course).suffix == ".json":
@@ -66,7 +69,8 @@ def read_course(
         return read_scene(course, data, frames, robot, sets, reach)
     spec = _spec(course, data, robot)
     try:
-        return build_course(spec if frames is None else spec.with_frames(frames), Path(course).parent, sets, reach)
+        spec = spec if frames is None else spec.with_frames(frames)
+        return build_course(spec, Path(course).parent, sets, reach, alternative)
     except InvalidInput as error:
         raise type(error)(f"{course}: {error}") from None
 

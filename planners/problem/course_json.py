@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from ..errors import InvalidInput
-from ..files.arrays import read_only
+from ..files.arrays import Array, read_only
 from ..files.validation import validated
 from ..robot.drawn_keys import DrawnLegsKeys
 from ..robot.model import Limb, Robot
@@ -87,9 +87,13 @@ def course_from_json(data: Mapping[str, Any]) -> Course:
         footholds=tuple(foothold for foothold in footholds if foothold),
         lifts=tuple(tuple(lifted) for lifted in raw.lifts), next_lift=tuple(raw.next_lift),
         modes=None if raw.modes is None else tuple(raw.modes), push_n=raw.push_n,
-        standing_m=None if raw.standing_m is None else read_only(raw.standing_m, (len(raw.lifts), len(robot.limbs), 3), "standing_m"),
+        standing_m=None if raw.standing_m is None else _standing(raw.standing_m, len(raw.lifts), robot),
         **{name: getattr(raw, name) for name in (*_ARRAYS, *_NUMBERS)},
     )  # fmt: skip
+
+
+def _standing(raw: list[list[list[float]]], frames: int, robot: Robot) -> Array:
+    return read_only(raw, (frames, len(robot.limbs), 3), "standing_m")
 
 
 class _Notes:

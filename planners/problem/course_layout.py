@@ -15,9 +15,11 @@ from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
-from .candidates import CandidatePatches, NoFooting
+from .alternatives import AS_ASKED, Alternative
+from .candidates import CandidatePatches, NoFooting, NoPlace
 from .course import Course, Foothold, Weights
 from .course_keys import CourseSpec, StanceSpec
+from .toe_offset import toe_offset
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -27,12 +29,16 @@ TOE_M = 0.02
 
 
 def build_course(
-    spec: CourseSpec, folder: Path = Path(), sets: Sets = "inner", reach: str | Path | None = None
+    spec: CourseSpec,
+    folder: Path = Path(),
+    sets: Sets = "inner",
+    reach: str | Path | None = None,
+    alternative: Alternative = AS_ASKED,
 ) -> Course:
     """The course that a description means.
 
     folder: where relative paths of files begin. sets: of legs, see ``contact_robot``. reach: a folder of polytopes in
-    place of the robot's reach. Raises InvalidInput.
+    place of the robot's reach. alternative: another way to lay it out. Raises InvalidInput.
     """
     model = spec.robot_model(folder)
     robot = spec.make_robot(model, sets)
@@ -43,7 +49,7 @@ def build_course(
     placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach
     if robot.source.own and sets == "outer" and not spec.candidates.everywhere:
         placed_by = spec.make_robot(model)
-    spec = spec.standing(model, placed_by)
+    spec = alternative.of(spec.standing(model, placed_by), placed_by)
     spec = _started(spec, placed_by, folder)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
@@ -118,14 +124,14 @@ def _footholds(
         room = 0.0 if limb.sole_m is None else 2.0 * float(np.linalg.norm(limb.sole_m, axis=1).max())
         if spec.candidates.everywhere:
             about, slack = com_m[frame] + limb.shoulder_m, _slack(limb, float(radius_m[frame]), spec)
-            found = footing.everywhere(about, slack, toe, limb.reach_m)
+            found = footing.everywhere(limb, about, slack, toe)
             if not found:
                 said = footing.refusal(frame, limb, about)
                 raise NoFooting(f"{said}, and the shoulder moves by {slack:.3g} m at most")
         else:
             found = footing.candidates(limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m + room)
         if not found:
-            raise InvalidInput(footing.refusal(frame, limb, shoulder))
+            raise NoPlace(footing.refusal(frame, limb, shoulder))
         alone.pop(limb.name, None)
         for other, index in alone.items():
             if len(found) == 1 and index == found[0][0] and footing.surfaces[index].width_m < TOE_M:
@@ -272,15 +278,6 @@ def _stance(spec: CourseSpec, passed: int) -> StanceSpec:
         if not isinstance(point, tuple) and point.stance is not None:
             stance = point.stance
     return stance
-
-
-def toe_offset(limb: Limb, stance: StanceSpec) -> Array:
-    """From the shoulder to where the limb likes its toe, body frame, shape (3,) [m]."""
-    if limb.name in stance.limbs:
-        return np.array(stance.limbs[limb.name])
-    out = limb.shoulder_m * [1.0, 1.0, 0.0]
-    length = float(np.linalg.norm(out))
-    return stance.outward_m * out / max(length, 1e-12) - [0.0, 0.0, stance.down_m]
 
 
 def _modes(placed: Sequence[tuple[int, Patch]], frames: int) -> tuple[int, ...]:

@@ -39,8 +39,9 @@ LEAST = 0.02
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the forces, (N, 3). borne: their sum, (3,). rest,
-    levers: torques as shares of their limits are rest − levers · f, (J,), (J, 3); none where nobody asks."""
+    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the forces, (N, 3).
+    borne: their sum, (3,). rest, levers: torques as shares of their limits are rest − levers · f, (J,), (J, 3); none
+    where nobody asks."""
 
     arms: Array
     friction: Array
@@ -127,7 +128,8 @@ class ForceDistribution:
 
         bears: who carries, shape (N,); course: its weight and its bounds of the forces. loads: of the joints. reserves:
         shares of μ that are tried, one after the other, until one has forces. least: share of the weight with which
-        every limb that carries presses at least. push: force on the body at the centre of mass, in units of the weight, (3,).
+        every limb that carries presses at least. push: force on the body at the centre of mass, in units of the weight,
+        shape (3,).
         """
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])

@@ -150,11 +150,12 @@ class Restoration:
         """The forces of a stance with the least largest torque, contact frames; None where none balance."""
         scaled, (frame, limbs) = self._scaled, self._scaled.layout.stances[stance]
         weight, levers = loads[frame]
+        least = scaled.force_min[scaled.layout.contacts[0] == stance, 0].max(initial=0.0)
         arms = (point.toes[self._holds[frame]] - point.com[frame]) * scaled.length_m
         world = self._distribution.forces(
             self._plan.course, arms, self._patches[frame], np.isin(np.arange(scaled.layout.limbs), limbs),
             loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
-            reserves=(self.friction_share,), least=float(scaled.force_min[scaled.layout.contacts[0] == stance, 0].max(initial=0.0)),
+            reserves=(self.friction_share,), least=float(least),
             push=scaled.pushes[stance] if scaled.layout.pushes else None,
         )  # fmt: skip
         if world is None:

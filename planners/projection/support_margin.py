@@ -31,7 +31,7 @@ def pressing(course: Course, share: float) -> Course:
 
 
 def pushed(course: Course, share: float) -> Course:
-    """The course in which every stance bears a push of this share of the weight, or what the course asks for already."""
+    """The course in which every stance bears a push of this share of the weight, or the one it asks for already."""
     return replace(course, push_n=max(course.push_n, share * course.weight_n))
 
 

@@ -92,7 +92,8 @@ def _limb(leg: Leg, workspace: Workspace, com_m: Array, sets: Sets) -> Limb:
         normals, bounds = inner.normals, inner.offsets_m - leg.radius_m
         centre, radius = enclosing_ball(inner.vertices)
     rows = ReachRows(normals=normals, bounds_m=bounds - normals @ com_m)
-    return Limb(name=leg.name, shoulder_m=centre - com_m, reach_m=radius, reach_rows=rows)
+    hip_m = leg.hip_m - com_m
+    return Limb(name=leg.name, shoulder_m=centre - com_m, reach_m=radius, reach_rows=rows, hip_m=hip_m)
 
 
 def standing_toes(robot: RobotModel) -> Array:

@@ -62,6 +62,8 @@ class Limb:
             holds them.
         sole_m: points (forward, left) of a rigid flat foot about its centre, shape (K, 2) [m]; None for a point foot.
             Reach and steps are of the centre.
+        hip_m: where the leg begins in the body frame, shape (3,) [m]; a surface has to face it. None for the shoulder,
+            which of a leg from a file is the centre of a ball and may be below the ground.
         leg: limits of its speed, power and length, which leaps ask for; None where nobody says.
     Raises:
         InvalidInput: for another name, a wrong shape, a reach that is not positive.
@@ -79,6 +81,7 @@ class Limb:
     reach_rows: ReachRows | None = None
     sole_m: Array | None = None
     leg: LegLimits | None = None
+    hip_m: Array | None = None
 
     def __post_init__(self) -> None:
         checked_name(self.name, "limb name")
@@ -86,6 +89,12 @@ class Limb:
         object.__setattr__(self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0))
         if self.sole_m is not None:
             object.__setattr__(self, "sole_m", checked_sole(self.sole_m, f"limb {self.name}: sole_m"))
+        if self.hip_m is not None:
+            object.__setattr__(self, "hip_m", read_only(self.hip_m, (3,), f"limb {self.name}: hip_m"))
+
+    def hip_at(self, shoulder_m: Array) -> Array:
+        """Where the leg begins when its shoulder is here, shape (3,) [m]."""
+        return shoulder_m if self.hip_m is None else np.asarray(shoulder_m + self.hip_m - self.shoulder_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

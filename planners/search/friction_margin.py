@@ -16,9 +16,10 @@ from functools import cache
 
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course
-from ..projection.support_margin import PRESSES, PUSHES, push_share, pressing, pushed, steady
+from ..projection.support_margin import PRESSES, PUSHES, pressing, push_share, pushed, steady
 from ..terrain.patch import Patch
 from .answer import CoursePlanner, Limitable
 from .two_stage import TwoStageCoursePlanner
@@ -58,12 +59,13 @@ def plan_with_reserve(
     """The answer for the most cautious share that has a plan; the plan is one of the course itself.
 
     Where that plan balances on an edge, one in which every foot that carries presses with such a share of the weight is
-    taken, the first of ``presses`` that has one. Where no share has a plan, the answer for the last one, by default the
-    course as it is: only that one proves anything of it. ``provenance`` says which of several shares of friction, which
-    share of the weight feet press with, and which push of all stances is borne, it was. deadline: when all of this has
-    to end (``time.perf_counter()``), for planners whose time can be limited (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and
-    ``presses`` may take ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where the planner is not
-    made for the course.
+    taken, the first of ``presses`` that has one; and where some stance bears no push, one whose stances do. Where no
+    share has a plan, the answer for the last one, by default the course as it is: only that one proves anything of it.
+    ``provenance`` says which of several shares of friction it was, with which share of the weight feet press, and which
+    push, as a share of the weight, every stance bears.
+    deadline: when all of this has to end (``time.perf_counter()``), for planners whose time can be limited
+    (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and ``presses`` may take
+    ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where the planner is not made for the course.
     """
     begin = time.perf_counter()
     if len(shares) > 1:
@@ -153,3 +155,19 @@ def _quick(planner: CoursePlanner) -> CoursePlanner:
         planner = copy(planner)
         planner.cuts = False
     return planner
+
+
+def check_push(course: Course, planner: CoursePlanner) -> None:
+    """Raise InvalidInput where a course asks for a push and the planner knows none, or no posture can bear it."""
+    if course.push_n == 0.0:
+        return
+    if not isinstance(planner, TwoStageCoursePlanner):
+        raise InvalidInput(
+            f"push_n: expected 0 N with {planner.name}, got {course.push_n:g} N: two-stage alone knows pushes"
+        )
+    strongest = max(patch.friction for patch in course.terrain)
+    most = len(course.robot.limbs) * float(course.force_max.max()) * max(strongest, 1.0) * course.weight_n
+    if course.push_n > most:
+        raise InvalidInput(
+            f"push_n: expected at most {most:.4g} N, which all feet together can hold, got {course.push_n:g}"
+        )

@@ -14,19 +14,23 @@ from typing import TYPE_CHECKING
 
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
-from ..errors import InvalidInput
+from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
+from ..problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
+from ..problem.candidates import NoPlace
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import CoursePlanner
-from .friction_margin import SHARES, in_time, plan_with_reserve, slippery
+from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
 
-LayOut = Callable[["Sets"], Course]
-"""A function that lays a course out over the inner or the outer sets of the robot's legs."""
+LayOut = Callable[["Sets", Alternative], Course]
+"""A function that lays a course out over the inner or the outer sets of the robot's legs, in one of several ways."""
+FIRST = 0.6
+"""Fraction of the time that the layout that was asked for has, where others can be tried."""
 SEARCH = 0.75
 """Fraction of the time within which contacts are to be found, so that they can still be bent and judged."""
 ALL_FRICTION = (1.0,)
@@ -43,39 +47,90 @@ def plan_course(
     presses: Sequence[float] | None = None,
     limits: WholeBodyLimits | None = WholeBodyLimits(),
     start_rad: Array | None = None,
+    push_n: float = 0.0,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
     """Answer a course: a plan that was judged, a proof that there is none, or what is known when the time ends.
 
     question: the course, or a function that lays it out; a function may choose other candidates for a proof, which is
-    then one about all that the robot may reach, while a course is answered with the candidates that it has.
+    then one about all that the robot may reach, while a course is answered with the candidates that it has. Where the
+    whole body cannot do what a function laid out, the other layouts of ``ALTERNATIVES`` are tried while there is time;
+    the plan's provenance says which it is of. *Infeasible* is said of what was asked for alone.
     planner: of contacts and forces.
     shares: of the friction, see ``plan_with_reserve``; None for 0.8, 0.9 and 1 where the planner has a true
     ``reserve``, as two-stage planners have, and all of it with others.
     presses: likewise; None for the usual ones with a reserve.
     limits: of joints and bodies, to which the plan is bent, and then judged with all of the whole body; None leaves it
     at contacts. start_rad: joints of a robot that stands already, as for ``plan_angles``, shape (J,).
+    push_n: horizontal push that every stance has to bear, where the course does not ask for more [N].
     deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
     Returns the outcome with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
     and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques are asked for of a
     robot whose joints are not known.
     """
-    course = question("inner") if callable(question) else question
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else ALL_FRICTION
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
-    search_end = deadline
-    if limits is not None and not math.isinf(deadline):
-        search_end -= (1.0 - SEARCH) * max(deadline - time.perf_counter(), 0.0)
-    outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
-    if outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer":
-        outcome = _refuted(outcome, question, planner, shares[-1], deadline)
-    if limits is None or outcome.solution is None:
-        return outcome
-    from .whole_body_outcome import with_whole_body  # slow to import
 
-    return with_whole_body(outcome, limits, start_rad, deadline=deadline)
+    def answered(course: Course, end: float) -> Answer[Plan]:
+        if push_n > course.push_n:
+            course = replace(course, push_n=push_n)
+        check_push(course, planner)
+        search_end = end
+        if limits is not None and not math.isinf(end):
+            search_end -= (1.0 - SEARCH) * max(end - time.perf_counter(), 0.0)
+        outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
+        if outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer":
+            outcome = _refuted(outcome, question, planner, shares[-1], end)
+        if limits is None or outcome.solution is None:
+            return outcome
+        from .whole_body_outcome import with_whole_body  # slow to import
+
+        return with_whole_body(outcome, limits, start_rad, deadline=end)
+
+    if not callable(question):
+        return answered(question, deadline)
+    return _laid_out(question, answered, deadline)
+
+
+def _laid_out(question: LayOut, answered: Callable[[Course, float], Answer[Plan]], deadline: float) -> Answer[Plan]:
+    """The answer over the first layout that has a plan; else over the one that was asked for.
+
+    Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other has a plan.
+    """
+    first: Answer[Plan] | None = None
+    refusal: NoPlace | PlanningFailed | None = None
+    for alternative in ALTERNATIVES:
+        now = time.perf_counter()
+        if alternative is not AS_ASKED and now >= deadline:
+            break
+        try:
+            course = question("inner", alternative)
+        except (NoPlace, PlanningFailed) as error:
+            refusal = refusal or error
+            continue
+        last = alternative is ALTERNATIVES[-1] or math.isinf(deadline)
+        outcome = answered(course, deadline if last else now + FIRST * (deadline - now))
+        if outcome.status is Status.FEASIBLE and alternative is not AS_ASKED:
+            return _of_layout(outcome, alternative)
+        if alternative is AS_ASKED:
+            first = outcome
+            if outcome.status is not Status.UNDECIDED:
+                return outcome
+    if first is None:
+        assert refusal is not None
+        raise refusal
+    return first
+
+
+def _of_layout(outcome: Answer[Plan], alternative: Alternative) -> Answer[Plan]:
+    """The answer, whose plan says in which way the course was laid out."""
+    assert outcome.solution is not None
+    provenance = {**outcome.solution.provenance, "layout": alternative.message}
+    plan = replace(outcome.solution, provenance=provenance)
+    report = None if outcome.report is None else replace(outcome.report, answer=plan)
+    return replace(outcome, solution=plan, report=report)
 
 
 def _refuted(
@@ -83,7 +138,7 @@ def _refuted(
 ) -> Answer[Plan]:
     """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
     try:
-        outer = question("outer") if callable(question) else question
+        outer = question("outer", AS_ASKED) if callable(question) else question
         outer = replace(outer, robot=outer.robot.sets("outer"))
     except InvalidInput as error:  # legs that nobody can measure
         return _undecided(inner, f"{UNPROVED}: {error}")

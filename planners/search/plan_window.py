@@ -92,6 +92,7 @@ def course_window(course: Course, first: int, last: int, standing: Standing | No
         goal_m=course.goal_m if ends else course.com_nominal_m[last],
         steps=steps,
         modes=None if course.modes is None else course.modes[window],
+        standing_m=None if course.standing_m is None else course.standing_m[window],
     )
 
 
@@ -105,6 +106,7 @@ def with_pause(course: Course, frame: int) -> Course:
         com_nominal_m=course.com_nominal_m[again],
         com_radius_m=course.com_radius_m[again],
         modes=None if course.modes is None else tuple(course.modes[k] for k in again),
+        standing_m=None if course.standing_m is None else course.standing_m[again],
     )
 
 
@@ -138,6 +140,7 @@ def one_at_a_time(course: Course, first: int, last: int) -> Course:
         com_radius_m=course.com_radius_m[of],
         steps=replace(course.steps, progress_m=course.steps.progress_m * min(parts)),
         modes=None if course.modes is None else tuple(course.modes[k] for k in of),
+        standing_m=None if course.standing_m is None else course.standing_m[of],
     )
 
 

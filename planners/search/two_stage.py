@@ -73,12 +73,16 @@ class TwoStageCoursePlanner(TimeLimited):
         """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of the whole search."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         search = self.search(scaled, clock)
-        found, proof, message = search.found, search.certificate(), search.message
+        found, message, proof = search.found, search.message, None
+        if not scaled.layout.pushes:  # a proof that no plan bears them is none that there is no plan
+            proof = search.certificate()
+        elif found is None:
+            message = message or f"no plan was found whose stances bear a push of {course.push_n:g} N"
         details = {
             "nodes": float(search.nodes), "guessed": float(search.guessed), "projected": float(search.tried),
             "dived": float(search.dived), "cuts": 0.0,
         }  # fmt: skip
-        if found is None and proof is None and self.cuts and not clock.ended():
+        if found is None and proof is None and self.cuts and not scaled.layout.pushes and not clock.ended():
             found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
             message, details["cuts"] = "" if found or proof else message, float(nodes)
         plan = None

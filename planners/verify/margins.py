@@ -7,8 +7,8 @@ carry the weight from a set of places of it. Both sets are convex, shadows of th
     Σ f = w e_z,      Σ (p − c − t) × f = 0        places c + t, t = (t_x, t_y, 0)
 
 Their support functions are one small cone program per direction. The hull of the points that were found lies inside of
-the set and its half-planes outside, so that the distance from the origin to the border is known from both sides; what is
-reported is the lower one, which the contacts hold in every direction.
+the set and its half-planes outside, so that the distance from the origin to the border is known from both sides; what
+is reported is the lower one, which the contacts hold in every direction.
 """
 
 from __future__ import annotations

@@ -108,7 +108,9 @@ def test_the_built_in_courses_come_back_to_the_last_bit(name):
 
 def test_every_field_of_a_course_is_in_the_file(data):
     written_as = {"footholds": "placements"}  # what files have called them since course/1
-    assert {written_as.get(f.name, f.name) for f in fields(Course)} | {"format"} == set(data)
+    where_asked = {"push_n", "standing_m"}
+    names = {written_as.get(f.name, f.name) for f in fields(Course)} | {"format"}
+    assert names - where_asked == set(data)
 
 
 def test_a_course_file_is_read_by_its_name(written, tmp_path):

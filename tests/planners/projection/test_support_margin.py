@@ -68,7 +68,7 @@ def test_steady_is_what_barycentric_coordinates_say_of_three_feet(plan: Plan) ->
 
 
 def test_a_plan_that_is_bent_for_its_torques_still_presses(plan: Plan) -> None:
-    bent = whole_body(plan, WholeBodyLimits(torque_nm=20.0)).plan
+    bent = whole_body(plan, WholeBodyLimits(torque_nm=17.5)).plan
     assert not np.array_equal(bent.com_m, plan.com_m)
     assert bent.provenance["press_share"] == 0.2
     assert steady(bent, 0.2 - 1e-6)

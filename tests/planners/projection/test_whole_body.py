@@ -157,8 +157,8 @@ def test_a_climb_is_bent_to_what_its_servos_have(climb: Plan) -> None:
 
 
 def test_a_quadruped_is_bent_to_less_than_its_forces_alone_allow(plan: Plan) -> None:
-    spared = whole_body(plan, WholeBodyLimits(torque_nm=20.0, steps=0)).after
-    bent = whole_body(plan, WholeBodyLimits(torque_nm=20.0))
+    spared = whole_body(plan, WholeBodyLimits(torque_nm=17.5, steps=0)).after
+    bent = whole_body(plan, WholeBodyLimits(torque_nm=17.5))
     assert spared.share > 1.3
     assert 0.5 < bent.after.share <= 0.9
     assert check_plan(bent.plan, joints=True).accepted

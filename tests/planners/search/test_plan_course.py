@@ -19,8 +19,8 @@ from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
-from stancekit.planners.robot.contact_robot import Sets, sets_of, with_sets
-from stancekit.planners.search.plan_course import UNPROVED, plan_course
+from stancekit.planners.robot.contact_robot import sets_of, with_sets
+from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -71,7 +71,7 @@ def test_inner_sets_prove_nothing_of_a_robot(high: Callable[[float], Path], laid
     course = read_course(path)
     inner = TwoStageCoursePlanner().solve(course)
     assert (inner.status, inner.sets) == (Status.INFEASIBLE, "inner")  # of these sets it is true
-    outcome = plan_course(course if laid_out else lambda sets: read_course(path, sets=sets), TwoStageCoursePlanner())
+    outcome = plan_course(course if laid_out else lambda sets, _: read_course(path, sets=sets), TwoStageCoursePlanner())
     assert (outcome.status, outcome.message) == (Status.UNDECIDED, UNPROVED)
     assert outcome.certificate is None
     assert math.isnan(outcome.bound)
@@ -82,7 +82,7 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
     high: Callable[[float], Path], laid_out: bool
 ) -> None:
     path = high(0.66)
-    question: Course | Callable[[Sets], Course] = lambda sets: read_course(path, sets=sets)  # noqa: E731
+    question: Course | LayOut = lambda sets, _: read_course(path, sets=sets)  # noqa: E731
     outcome = plan_course(read_course(path) if laid_out else question, TwoStageCoursePlanner())
     assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, "outer")
     assert outcome.certificate is not None

@@ -33,7 +33,7 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(pla
     assert planned.solution is not None
     assert said is not None
     assert outcome.status is Status.FEASIBLE
-    report = check_plan(outcome.solution, joints=True)
+    report = check_plan(outcome.solution, joints=True, margins=True)
     assert report.accepted
     assert said.answer is outcome.solution
     assert said.to_json() == report.to_json()

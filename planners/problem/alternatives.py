@@ -1,0 +1,74 @@
+"""Other ways to lay a course out: wider, lower or higher stances, more candidates, another order of the limbs.
+
+None is better everywhere. Where the legs cannot do a plan over one, another often has one that they can.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..robot.model import Robot
+from .course_keys import CourseSpec, StanceSpec
+from .toe_offset import toe_offset
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alternative:
+    """One way to lay a course out, beside the one that its description asks for.
+
+    Arguments:
+        spread: horizontal distance of the toes from the centre of mass as the robot stands, as a factor.
+        height: height of the body over the toes as the robot stands, as a factor.
+        candidates: further candidates per foothold.
+        gait: "wave" moves one limb after the other, along one side and then the other, each from the rear to the front;
+            None keeps the gait.
+    """
+
+    spread: float = 1.0
+    height: float = 1.0
+    candidates: int = 0
+    gait: Literal["wave"] | None = None
+
+    def of(self, spec: CourseSpec, robot: Robot) -> CourseSpec:
+        """The description with these changes. robot: whose limbs are placed."""
+        update: dict[str, object] = {}
+        if (self.spread, self.height) != (1.0, 1.0):
+            scale = np.array([self.spread, self.spread, self.height])
+            limbs = {}
+            for limb in robot.limbs:
+                toe = limb.shoulder_m + toe_offset(limb, spec.stance)
+                limbs[limb.name] = tuple((scale * toe - limb.shoulder_m).tolist())
+            update["stance"] = StanceSpec(limbs=limbs)
+        if self.candidates:
+            count = min(spec.candidates.count + self.candidates, 16)
+            update["candidates"] = spec.candidates.model_copy(update={"count": count})
+        if self.gait is not None:
+            order = sorted(robot.limbs, key=lambda limb: (limb.shoulder_m[1] < 0.0, limb.shoulder_m[0]))
+            update["gait"] = [[limb.name] for limb in order]
+        return spec.model_copy(update=update)
+
+    @property
+    def message(self) -> str:
+        """The changes in words; empty where there are none."""
+        parts = [
+            f"toes {self.spread:g} × as far out" if self.spread != 1.0 else "",
+            f"body {self.height:g} × as high" if self.height != 1.0 else "",
+            f"{self.candidates} more candidates per foothold" if self.candidates else "",
+            "one limb after the other, side by side" if self.gait else "",
+        ]
+        return ", ".join(filter(None, parts))
+
+
+AS_ASKED = Alternative()
+ALTERNATIVES = (
+    AS_ASKED,
+    Alternative(spread=1.15, height=0.85),
+    Alternative(spread=1.08),
+    Alternative(candidates=2),
+    Alternative(gait="wave"),
+    Alternative(spread=1.15, height=1.08, candidates=2),
+)
+"""The layouts in the order in which they are tried."""
