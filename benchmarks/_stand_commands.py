@@ -51,9 +51,10 @@ def command(arguments: Sequence[str], patience_s: float) -> Done:
         out, errors = process.communicate(timeout=patience_s)
         code: int | None = process.returncode
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
+        code = process.poll()  # it may have ended while this process was stopped
+        if code is None:
+            os.killpg(process.pid, signal.SIGKILL)
         out, errors = process.communicate()
-        code = None
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     lines = out.strip().splitlines()
     said = json.loads(lines[-1]) if code is not None and lines and lines[-1].startswith("{") else {}

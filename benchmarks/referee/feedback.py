@@ -60,7 +60,7 @@ def shared(
     rows *= scale[:, None]
     gram = rows @ rows.T
     root = np.linalg.cholesky(gram + FLAT * np.trace(gram) * np.eye(6))
-    rows, aim = np.linalg.solve(root, rows), np.linalg.solve(root, scale * wanted)
+    rows, aim = np.asarray(np.linalg.solve(root, rows)), np.linalg.solve(root, scale * wanted)
     step = 1.0 / (1.0 + KEPT)  # rows are orthonormal now
     found = _coned(forces_n, normals, gains.cone * friction)
     ahead, pace, enough = found, 1.0, DONE * float(np.abs(forces_n).sum())
