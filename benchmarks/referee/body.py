@@ -96,6 +96,7 @@ def build(
     radii = np.array([leg.radius_m or settings.point_m for leg in robot.legs])
     for shape in spec.geoms:
         shape.contype, shape.conaffinity = FEET, LAND
+        shape.density = 0.0  # links weigh what the URDF says, and nothing where it says nothing
     for leg, radius in zip(robot.legs, radii, strict=True):
         foot = spec.body(leg.foot)
         for shape in list(foot.geoms):

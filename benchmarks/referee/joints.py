@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .body import Body
-from .reference import Reference
+from .reference import Reference, rotation_between
 
 Array = NDArray[np.float64]
+FORGET_S = 0.05
+"""In the air balls forget by how much they had rolled, with this time constant."""
 NEAR_M, MOST_ROUNDS, FIRST_ROUNDS = 2e-5, 8, 200
 """Feet are found to within this, in so many rounds; in more where a motion begins."""
 DAMPED, WARY, STEP_RAD, DRAWN = 1e-6, 1e-4, 0.3, 0.3
@@ -21,7 +23,7 @@ reference a leg with more than three joints goes where that does not move its fo
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Commands:
-    """Positions, velocities and feed-forward torques at T moments.
+    """Positions, velocities and feed-forward torques at T moments; balls roll on the ground while they stand.
 
     Attributes:
         positions: of all of MuJoCo's coordinates, shape (T, nq).
@@ -40,7 +42,8 @@ def commands(body: Body, reference: Reference) -> Commands:
     """Joints and torques for a reference, on the body as the file has it."""
     solver, model = Solver(body), body.model
     moments = len(reference.com_m)
-    positions = np.empty((moments, model.nq))
+    positions, rolls = np.empty((moments, model.nq)), Rolls(body)
+    balls = np.empty_like(reference.centres_m)
     names = [name for leg in body.robot.legs for name in leg.joints]
     near = [
         np.array([reference.near[name][t] for name in names]) if reference.near else None
@@ -51,10 +54,12 @@ def commands(body: Body, reference: Reference) -> Commands:
         last[body.places] = near[0]
     for t in range(moments):
         rounds = MOST_ROUNDS if t else FIRST_ROUNDS
+        balls[t] = reference.centres_m[t] + rolls.shifts_m
         last, off = solver.solve(
-            last, reference.com_m[t], reference.turn[t], reference.centres_m[t], near[t], rounds
+            last, reference.com_m[t], reference.turn[t], balls[t], near[t], rounds
         )
         positions[t], missed = last, max(missed, off)
+        rolls.add(solver.data, reference.normals[t], reference.stands[t], reference.step_s)
     velocities = _rates(model, positions, reference.step_s)
     accelerations = np.zeros_like(velocities)
     if reference.dynamic:
@@ -66,12 +71,37 @@ def commands(body: Body, reference: Reference) -> Commands:
                 velocities[t],
                 accelerations[t],
                 reference.forces_n[t],
-                reference.centres_m[t] - body.radii_m[:, None] * reference.normals[t],
+                balls[t] - body.radii_m[:, None] * reference.normals[t],
             )
             for t in range(moments)
         ]
     )
     return Commands(positions=positions, velocities=velocities, torques=torques, missed_m=missed)
+
+
+class Rolls:
+    """By how much balls have rolled since they touched, shape (N, 3) [m].
+
+    A leg that turns by θ about its foot moves the ball's centre by θ × r n. In the air that is forgotten, and a foot
+    comes down where the file has it.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self._body, self._before = body, list[Array]()
+        self.shifts_m = np.zeros((len(body.feet), 3))
+
+    def add(
+        self, data: mujoco.MjData, normals: Array, stands: NDArray[np.bool_], step_s: float
+    ) -> None:
+        """Go on to the posture of ``data``."""
+        now = [data.xquat[foot].copy() for foot in self._body.feet]
+        for foot, (before, after) in enumerate(zip(self._before, now, strict=False)):
+            if stands[foot]:
+                turn = rotation_between(after, before)
+                self.shifts_m[foot] += np.cross(turn, self._body.radii_m[foot] * normals[foot])
+            else:
+                self.shifts_m[foot] *= 1.0 - step_s / FORGET_S
+        self._before = now
 
 
 class Solver:

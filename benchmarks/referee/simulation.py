@@ -36,7 +36,7 @@ class Row:
         most_mm: the largest of these [mm].
         end_mm: the last of these [mm].
         turned_rad: largest angle between the body and the file's [rad].
-        slide_mm: farthest that a foot slid in a stance [mm].
+        slide_mm: farthest that a foot slid in a stance, rolling left out [mm].
         bumped_s: how long anything but a foot touched the ground [s].
         torque_share: largest torque of a joint in units of its limit, before it is cut there.
         missed_mm: how far feet are from the file's at most by inverse kinematics [mm].
@@ -153,7 +153,11 @@ class _Run:
         self.shifts = np.zeros((len(body.legs), 3))
         self.errors, self.turned, self.slid = list[float](), 0.0, 0.0
         self.bumped, self.share = 0, 0.0
-        self.stood = dict[int, tuple[int, Array | None]]()
+        self.touched: list[int | None] = [None] * len(body.feet)
+        self.slips, self.before = (
+            [np.zeros(3)] * len(body.feet),
+            [(np.zeros(3), np.zeros(4))] * len(body.feet),
+        )
         self.normal_n = list[float]()
         self.count = 0
 
@@ -307,17 +311,19 @@ class _Run:
         turn = rotation_between(to.turn[moment], data.qpos[3:7])
         self.turned = max(self.turned, float(np.linalg.norm(turn)))
         after = round(self.settings.slide_after_s / to.step_s)
-        for foot in range(len(self.body.feet)):
+        for foot, body in enumerate(self.body.feet):
+            ball, turn = data.geom_xpos[self.body.balls[foot]].copy(), data.xquat[body].copy()
+            since, slip = self.touched[foot], self.slips[foot]
             if not to.stands[moment, foot]:
-                self.stood.pop(foot, None)
-                continue
-            since, place = self.stood.get(foot, (len(self.errors), None))
-            now = data.geom_xpos[self.body.balls[foot]].copy()
-            if place is None:
-                place = now if len(self.errors) - since >= after else None
-                self.stood[foot] = since, place
-            else:
-                self.slid = max(self.slid, float(np.linalg.norm(now - place)))
+                since = None
+            elif since is None:
+                since, slip = len(self.errors), np.zeros(3)
+            elif len(self.errors) - since > after:
+                was, turned = self.before[foot]
+                arm = self.body.radii_m[foot] * to.normals[moment, foot]
+                slip = slip + ball - was - np.cross(rotation_between(turn, turned), arm)
+                self.slid = max(self.slid, float(np.linalg.norm(slip)))
+            self.touched[foot], self.slips[foot], self.before[foot] = since, slip, (ball, turn)
 
     def _com(self) -> Array:
         return np.asarray(self.data.subtree_com[self.body.base])

@@ -232,6 +232,12 @@ def test_every_option_does_something(wrong: Wrong, moving: Path, moved: Row) -> 
     assert abs(row.rms_mm - moved.rms_mm) >= 0.02 or abs(row.end_mm - moved.end_mm) >= 0.02
 
 
+def test_a_body_that_moves_over_its_feet_rolls_on_them(moved: Row) -> None:
+    assert moved.stood
+    assert moved.slide_mm < 0.5
+    assert moved.most_mm < 2.0
+
+
 def test_the_same_twice(moving: Path, moved: Row) -> None:
     assert play(moving, SETTINGS) == moved
 
