@@ -17,7 +17,8 @@ command ``run`` in MuJoCo; or files, plans and walks, with what is wrong with ro
 rad off on the way, nor .05 m or .2 rad at the end. --perturbed: every file once more, with all errors drawn
 from --seed: mass up to +10 %, friction down to 85 %, offsets up to .5 deg, delays up to 15 ms, soft contacts.
 push: stances of files drawn by seed, each pushed at the base in eight directions until it falls.
-table: shares with 95 % intervals (Wilson), by robot and by ground.
+table: shares with 95 % intervals (Wilson), by robot and by ground: of the list those accepted; of those that stood in
+the referee with feedback and without, and in the package's own run (world; what it refuses does not stand there).
 """
 
 from __future__ import annotations
@@ -242,6 +243,9 @@ def shares(
     for way in ("referee_feedback", "referee", "world"):
         rows = [row["stood"] for row in played if row["way"] == way and row["file"] in names]
         found[way] = _share(rows)
+    found["refused"] = sum(
+        row["way"] == "world" and row["file"] in names and row["code"] == 2 for row in played
+    )
     for margin in MARGINS:
         values = [row["margins"][margin] for row in accepted if margin in row["margins"]]
         if values:
@@ -268,7 +272,8 @@ def line(row: Mapping[str, Any]) -> str:
         for margin in MARGINS
         if margin in row
     ]
-    return "  ".join([*parts, f"CPU {row['cpu_s']} s"])
+    refused = f"world refused {row['refused']}"
+    return "  ".join([*parts, refused, f"CPU {row['cpu_s']} s"])
 
 
 def main() -> None:

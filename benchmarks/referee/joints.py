@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .body import Body
-from .reference import Reference, rotation_between
+from .reference import Reference, cross, rotation_between
 
 Array = NDArray[np.float64]
 FORGET_S = 0.05
@@ -98,7 +98,7 @@ class Rolls:
         for foot, (before, after) in enumerate(zip(self._before, now, strict=False)):
             if stands[foot]:
                 turn = rotation_between(after, before)
-                self.shifts_m[foot] += np.cross(turn, self._body.radii_m[foot] * normals[foot])
+                self.shifts_m[foot] += cross(turn, self._body.radii_m[foot] * normals[foot])
             else:
                 self.shifts_m[foot] *= 1.0 - step_s / FORGET_S
         self._before = now

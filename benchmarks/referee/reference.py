@@ -263,6 +263,12 @@ def rotation_between(wanted: Array, found: Array) -> Array:
     return vector
 
 
+def cross(one: Array, two: Array) -> Array:
+    """The cross product of two vectors, shape (3,): faster than NumPy's, which is for arrays of them."""
+    (a, b, c), (x, y, z) = one.tolist(), two.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
 def _quaternion_of(matrix: Array) -> Array:
     found = np.empty(4)
     mujoco.mju_mat2Quat(found, np.ascontiguousarray(matrix).ravel())

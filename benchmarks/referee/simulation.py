@@ -16,7 +16,7 @@ from .feedback import shared, wrench
 from .files import BrokenFile, KeyFrames, Played, Samples, read
 from .ground import Surface, lay_heights, lay_patches
 from .joints import Commands, Solver, commands
-from .reference import Reference, of_plan, of_walk, rotation_between
+from .reference import Reference, cross, of_plan, of_walk, rotation_between
 from .settings import Bounds, Push, Settings, Wrong
 
 Array = NDArray[np.float64]
@@ -274,7 +274,7 @@ class _Run:
                 self.shifts[leg] *= 1.0 - step / gains.fade_s
             else:
                 arm = to.centres_m[moment, leg] - com
-                off = to.com_m[moment] - com + np.cross(turn, arm)
+                off = to.com_m[moment] - com + cross(turn, arm)
                 self.shifts[leg] += min(step / gains.swing_s, 1.0) * (off - self.shifts[leg])
             if self.shifts[leg].any():
                 ball = data.geom_xpos[body.balls[leg]]
@@ -321,7 +321,7 @@ class _Run:
             elif len(self.errors) - since > after:
                 was, turned = self.before[foot]
                 arm = self.body.radii_m[foot] * to.normals[moment, foot]
-                slip = slip + ball - was - np.cross(rotation_between(turn, turned), arm)
+                slip = slip + ball - was - cross(rotation_between(turn, turned), arm)
                 self.slid = max(self.slid, float(np.linalg.norm(slip)))
             self.touched[foot], self.slips[foot], self.before[foot] = since, slip, (ball, turn)
 
