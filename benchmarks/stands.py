@@ -1,0 +1,289 @@
+"""Do accepted plans stand? A fixed list of robots and grounds, planned, and played by a referee of its own.
+
+    python benchmarks/stands.py plan --out FOLDER [--first N] [--robots go1 hyq] [--grounds gap] [--draws 0]
+    python benchmarks/stands.py play FOLDER [--no-world]
+    python benchmarks/stands.py play FILE.json ... --out LINES.jsonl [--mass 1.1 --friction .85 --delay-ms 15]
+    python benchmarks/stands.py push FILE.json ... --out LINES.jsonl [--stances 40 --seed 0]
+    python benchmarks/stands.py table FOLDER
+
+The list, its limits, and how grounds are scaled are in stands/list.yaml; the referee, benchmarks/referee, imports
+nothing of the package, and its settings are in stands/referee.yaml. Robots of example-robot-data and pybullet_data need
+these packages; where one is not installed, its line says so.
+
+plan: every entry of the list by the package's own command ``plan``; the plan's file, and a line of plans.jsonl with
+what was said and how long it took. What is there is not made again, whatever ended the command before.
+play: every accepted plan of a folder in the referee, with and without feedback of the body, and by the package's own
+command ``run`` in MuJoCo; or files, plans and walks, with what is wrong with robot and ground. stood: not .12 m or .6
+rad off on the way, nor .05 m or .2 rad at the end. --perturbed: every file once more, with all errors drawn
+from --seed: mass up to +10 %, friction down to 85 %, offsets up to .5 deg, delays up to 15 ms, soft contacts.
+push: stances of files drawn by seed, each pushed at the base in eight directions until it falls.
+table: shares with 95 % intervals (Wilson), by robot and by ground: of the list those accepted; of those that stood in
+the referee with feedback and without, and in the package's own run (world; what it refuses does not stand there).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from _bench import Options
+from _stand_commands import MARGINS, planned, ran
+from _stand_list import LIST, Entry, Lines, entries, read_list
+from referee import BrokenFile, KeyFrames, Push, Wrong, play, read, read_settings
+from threadpoolctl import threadpool_limits
+
+from stancekit.learners.evaluation.evaluate import Share
+
+PATIENCE_S = 900.0
+"""A run in the package's MuJoCo is ended after so long."""
+WAYS = {"referee": Wrong(), "referee_feedback": Wrong(feedback=True)}
+"""How every accepted plan of a folder is played."""
+DIRECTIONS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(Options):
+    """Plan the list, or what is left of it."""
+
+    out: Path
+    """Folder of plan files and lines; what is there stays."""
+    first: int | None = None
+    """So many entries, in the list's order."""
+    robots: tuple[str, ...] = ()
+    grounds: tuple[str, ...] = ()
+    draws: tuple[int, ...] = ()
+    listed: Path = LIST
+
+    def chosen(self) -> Iterator[Entry]:
+        """The entries that are asked for."""
+        for count, entry in enumerate(entries(self.listed)):
+            wanted = (
+                (entry.robot, self.robots),
+                (entry.kind, self.grounds),
+                (entry.draw, self.draws),
+            )
+            if (self.first is None or count < self.first) and all(
+                not some or value in some for value, some in wanted
+            ):
+                yield entry
+
+    def run(self) -> None:
+        """Plan what is not there yet."""
+        lines, limit = Lines(self.out / "plans.jsonl"), read_list(self.listed)["time_limit_s"]
+        for entry in self.chosen():
+            if entry.name not in lines.rows:
+                self.say(lines.add(entry.name, planned(entry, self.out, limit)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play(Options):
+    """Play the accepted plans of a folder, or files."""
+
+    paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """One folder of ``plan``, or files."""
+    out: Path | None = None
+    """Lines of results; in the folder unless said."""
+    world: bool = True
+    """Also run plans in the package's own MuJoCo."""
+    perturbed: int = 0
+    """Play so many files of them, drawn by seed, with errors drawn by seed, instead."""
+    feedback: bool = True
+    offset_deg: float = 0.0
+    delay_ms: float = 0.0
+    mass: float = 1.0
+    friction: float = 1.0
+    soft: bool = False
+    contact_s: float | None = None
+    contact_damping: float | None = None
+    stiffness: float = 1.0
+
+    def run(self) -> None:
+        """Play what is not there yet."""
+        files = found_files(self.paths)
+        folder = self.paths[0] if self.paths[0].is_dir() else Path()
+        lines = Lines(self.out or folder / "played.jsonl")
+        asked = Wrong(**{each.name: getattr(self, each.name) for each in fields(Wrong)})
+        if self.perturbed:
+            rng = np.random.default_rng(self.seed)
+            chosen = rng.permutation(len(files))[: self.perturbed]
+            for index, own in zip(sorted(chosen.tolist()), rng.spawn(len(chosen)), strict=True):
+                self.one(lines, files[index], "perturbed", perturbed(own, self.feedback))
+            return
+        for file in files:
+            ways = WAYS if asked == Wrong(feedback=True, seed=self.seed) else {"asked": asked}
+            for way, wrong in ways.items():
+                self.one(lines, file, way, wrong)
+            if self.world:
+                self.in_the_world(lines, file)
+
+    def one(self, lines: Lines, file: Path, way: str, wrong: Wrong) -> None:
+        """Play a file in one way unless its line is there."""
+        settings = read_settings()
+        said = wrong.said()
+        key = key_of(file, way, settings.sha256[:8], said)
+        if key in lines.rows:
+            return
+        row = {"file": file.stem, "way": way, "wrong": said, "settings": settings.sha256[:8]}
+        try:
+            self.say(lines.add(key, row | play(file, settings, wrong).json()))
+        except BrokenFile as error:
+            self.say(lines.add(key, row | {"stood": False, "broken": str(error)}))
+
+    def in_the_world(self, lines: Lines, file: Path) -> None:
+        """Run a file by the package's own command unless its line is there."""
+        key = key_of(file, "world", "", {})
+        if key not in lines.rows:
+            row = {"file": file.stem, "way": "world", "wrong": {}}
+            self.say(lines.add(key, row | ran(file, PATIENCE_S)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pushes(Options):
+    """Push stances until they fall."""
+
+    paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    out: Path
+    stances: int = 40
+    feedback: bool = True
+    most_share: float = 1.0
+    """Largest push, in units of the weight."""
+
+    def run(self) -> None:
+        """Push the stances that are drawn by seed."""
+        lines, settings = Lines(self.out), read_settings()
+        every = [
+            (file, stance)
+            for file in found_files(self.paths)
+            if isinstance(motion := read(file).motion, KeyFrames)
+            for stance in range(len(motion.stances))
+        ]
+        rng, wrong = np.random.default_rng(self.seed), Wrong(feedback=self.feedback)
+        for index in sorted(rng.permutation(len(every))[: self.stances].tolist()):
+            file, stance = every[index]
+            played = read(file)
+            most = self.most_share * played.robot.mass_kg * played.gravity_m_s2
+            for count in range(DIRECTIONS):
+                deg = 360.0 * count / DIRECTIONS
+                key = key_of(file, f"push-{stance}-{deg:.0f}", settings.sha256[:8], wrong.said())
+                if key in lines.rows:
+                    continue
+                push = Push(most_n=most, towards_deg=deg, stance=stance)
+                row = {"file": file.stem, "stance": stance, "towards_deg": deg}
+                self.say(lines.add(key, row | play(file, settings, wrong, push).json()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table(Options):
+    """Print shares of a folder's lines."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+
+    def run(self) -> None:
+        """By robot, by ground, and of all."""
+        plans = list(Lines(self.folder / "plans.jsonl").rows.values())
+        played = list(Lines(self.folder / "played.jsonl").rows.values())
+        if not plans:
+            raise SystemExit(f"{self.folder}: expected plans.jsonl with lines, found none")
+        for name, some in grouped(plans):
+            self.say(shares(name, some, played), line)
+
+
+def found_files(paths: Sequence[Path]) -> list[Path]:
+    """The accepted plans of a folder of ``plan``, or the files themselves."""
+    if len(paths) == 1 and paths[0].is_dir():
+        rows = Lines(paths[0] / "plans.jsonl").rows.values()
+        return [paths[0] / "plans" / f"{row['key']}.json" for row in rows if row["accepted"]]
+    return list(paths)
+
+
+def key_of(file: Path, way: str, settings: str, said: Mapping[str, Any]) -> str:
+    """What a line is known by: the file's bytes, how it was played, and the settings."""
+    content = hashlib.sha256(file.read_bytes()).hexdigest()[:12] if file.exists() else "none"
+    wrong = ",".join(f"{name}={value}" for name, value in sorted(said.items()))
+    return f"{file.stem}:{content}:{way}:{settings}:{wrong}"
+
+
+def perturbed(rng: np.random.Generator, feedback: bool) -> Wrong:
+    """All errors at once, each drawn evenly between nothing and what it says."""
+    return Wrong(
+        feedback=feedback,
+        mass=1.0 + rng.uniform(0.0, 0.1),
+        friction=1.0 - rng.uniform(0.0, 0.15),
+        offset_deg=rng.uniform(0.0, 0.5),
+        delay_ms=rng.uniform(0.0, 15.0),
+        soft=True,
+        seed=int(rng.integers(2**31)),
+    )
+
+
+def grouped(plans: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """The plans of every robot, of every ground, and all of them."""
+    for by in ("robot", "ground"):
+        for name in dict.fromkeys(row[by] for row in plans):
+            yield name, [row for row in plans if row[by] == name]
+    yield "all", list(plans)
+
+
+def shares(
+    name: str, plans: Sequence[dict[str, Any]], played: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """A row of the table."""
+    accepted = [row for row in plans if row["accepted"]]
+    names = {row["key"] for row in accepted}
+    found: dict[str, Any] = {
+        "name": name,
+        "accepted": _share([row["accepted"] for row in plans]),
+        "cpu_s": round(float(np.median([row["cpu_s"] for row in plans])), 1),
+    }
+    for way in ("referee_feedback", "referee", "world"):
+        rows = [row["stood"] for row in played if row["way"] == way and row["file"] in names]
+        found[way] = _share(rows)
+    found["refused"] = sum(
+        row["way"] == "world" and row["file"] in names and row["code"] == 2 for row in played
+    )
+    for margin in MARGINS:
+        values = [row["margins"][margin] for row in accepted if margin in row["margins"]]
+        if values:
+            found[margin] = [round(float(np.min(values)), 4), round(float(np.median(values)), 4)]
+    return found
+
+
+def _share(answers: Sequence[bool]) -> list[float]:
+    """How many of how many, and the interval."""
+    if not answers:
+        return [0, 0, 0.0, 1.0]
+    low, high = Share(hits=sum(answers), of=len(answers)).interval
+    return [sum(answers), len(answers), round(low, 3), round(high, 3)]
+
+
+def line(row: Mapping[str, Any]) -> str:
+    """A row for people."""
+    parts = [f"{row['name']:14}"]
+    for name in ("accepted", "referee_feedback", "referee", "world"):
+        count, of, low, high = row[name]
+        parts.append(f"{name} {count:3}/{of:<3} [{100 * low:3.0f}, {100 * high:3.0f}] %")
+    parts += [
+        f"{margin} least {row[margin][0]} median {row[margin][1]}"
+        for margin in MARGINS
+        if margin in row
+    ]
+    refused = f"world refused {row['refused']}"
+    return "  ".join([*parts, refused, f"CPU {row['cpu_s']} s"])
+
+
+def main() -> None:
+    """Do what is asked for."""
+    with threadpool_limits(1):
+        asked = tyro.extras.subcommand_cli_from_dict(
+            {"plan": Plan, "play": Play, "push": Pushes, "table": Table}, description=__doc__
+        )
+        asked.run()
+
+
+if __name__ == "__main__":
+    main()
