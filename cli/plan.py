@@ -151,7 +151,7 @@ class PlanCourse:
         proved = outcome.certificate is not None
         message = message_of(outcome)
         if self.proof is not None and outcome.certificate is not None:
-            write_proof(self.proof, course, outcome.certificate)
+            write_proof(self.proof, outcome.certificate)
         if self.json:
             emit(self._record(course, outcome, report, message))
         else:

@@ -127,7 +127,7 @@ def _answer(course: Course, outcome: Answer[Plan]) -> dict[str, Any]:
     details, claimed = outcome.details, outcome.claim == "feasible"
     message = outcome.message
     if outcome.certificate is not None:
-        message = explain(course, outcome.certificate).message
+        message = explain(outcome.certificate).message
     elif outcome.solution is not None and "placed" not in details:
         message = check_plan(outcome.solution).message
     return {

@@ -107,6 +107,7 @@ class Acceptance:
         bound: on the objective of any plan, proved.
         """
         status, report, begin, message = Status.UNDECIDED, None, clock.elapsed(), claim.message
+        certificate: Certificate | None = None
         if claim.found is not None:
             report = self._judged(problem, claim.found)
             if report.accepted:
@@ -117,7 +118,8 @@ class Acceptance:
         posed = isinstance(problem, PostureProblem)
         bound = 0.0 if posed else bound
         if claim.certificate is not None and status is Status.UNDECIDED:
-            proof = check_certificate(problem, claim.certificate, tolerance=self.gap if posed else 0.0)
+            certificate = claim.certificate.of(problem)
+            proof = check_certificate(certificate, tolerance=self.gap if posed else 0.0)
             bound = proof.figures["lower_bound"] if posed else bound
             if proof.accepted:
                 status = Status.INFEASIBLE
@@ -130,7 +132,7 @@ class Acceptance:
             method=method,
             problem=problem,
             solution=found,
-            certificate=claim.certificate if status is Status.INFEASIBLE else None,
+            certificate=certificate if status is Status.INFEASIBLE else None,
             report=None if isinstance(found, Plan) else report,  # a plan's comes with its whole body
             objective=objective_of(found) if isinstance(found, Plan) else float("nan"),
             bound=bound,

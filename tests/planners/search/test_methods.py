@@ -37,7 +37,7 @@ def test_every_method_answers_with_evidence_and_never_against_the_exact_one(meth
         assert (outcome.solution is not None) == (outcome.status is Status.FEASIBLE)
         assert (outcome.certificate is not None) == (outcome.status is Status.INFEASIBLE)
         assert outcome.solution is None or check_posture(problem, outcome.solution).accepted
-        assert outcome.certificate is None or check_certificate(problem, outcome.certificate).accepted
+        assert outcome.certificate is None or check_certificate(outcome.certificate.of(problem)).accepted
         assert outcome.effort.seconds > 0.0
 
 
