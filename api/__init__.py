@@ -9,7 +9,7 @@ Gymnasium's: ``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``
 >>> outcome = stancekit.solve(problem)
 >>> outcome.status.value
 'infeasible'
->>> stancekit.explain(problem, outcome.certificate).message
+>>> stancekit.explain(outcome.certificate).message
 'infeasible: the cheapest single change is friction of RR, from 0.5653 to at least 0.6986 (+24 %)'
 """
 

@@ -29,16 +29,16 @@ from stancekit.planners.verify import (
     check_posture,
 )
 from stancekit.planners.verify import explain as explain_proof
-from stancekit.planners.verify.leap_proof import check_leap_certificate
 from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.trajectories import check_trajectory
 
 from .checks import TOLERANCE, check_file, check_rows
+from .upgrading import old_form
 
 
 @checked
 def explain(
-    subject: Answer[Any] | PostureProblem | Course | Leap,
+    subject: Answer[Any] | Certificate | PostureProblem | Course | Leap,
     certificate: Certificate | None = None,
     *,
     tolerance: float | None = None,
@@ -51,16 +51,15 @@ def explain(
     toe, and reach of every limb.
 
     Arguments:
-        subject: an infeasible answer of ``solve`` or ``plan``, which has its problem and its certificate; or a posture
-            problem, a course or a leap with a ``certificate``.
-        certificate: that it has no answer.
+        subject: an infeasible answer of ``solve`` or ``plan``, or its certificate, which knows its problem.
+        certificate: beside a problem as the subject, which is the old form.
         tolerance: largest moment residual that a proof leaves open, non-dimensional; the verifier's own where None.
     Returns:
         An ``Explanation``: ``message`` in one line, and ``relaxations``, what each parameter would have to become at
         least. A certificate that is not accepted explains nothing: no relaxations, and the message says why.
     Raises:
-        InvalidInput: for an answer that is not infeasible, and a certificate beside an answer or none without. A bad
-            certificate is refused in the message.
+        InvalidInput: for an answer that is not infeasible, a certificate that does not know its problem, and a second
+            one beside it. A bad certificate is refused in the message.
     Source:
         Lagrangian bounds of E1-E11.
     Example:
@@ -69,21 +68,29 @@ def explain(
         >>> stancekit.explain(outcome).relaxations[0].parameter
         'friction'
     """
+    if isinstance(subject, Answer | Certificate) and certificate is not None:
+        kind = "an answer" if isinstance(subject, Answer) else "a certificate"
+        raise InvalidInput(f"certificate: expected none with {kind}, which has its own, got a Certificate")
     if isinstance(subject, Answer):
-        if certificate is not None:
-            raise InvalidInput("certificate: expected none with an answer, which has its own, got a Certificate")
-        if subject.problem is None or subject.certificate is None or subject.status is not Status.INFEASIBLE:
+        certificate = _proof(subject)
+        if certificate is None or subject.status is not Status.INFEASIBLE:
             raise InvalidInput(f"explain: expected an answer that is infeasible, got one that is {subject.status}")
-        certificate, subject = subject.certificate, subject.problem
-    if certificate is None:
+    elif isinstance(subject, Certificate):
+        certificate = subject
+    elif certificate is None:
         raise InvalidInput(f"certificate: expected one with a {type(subject).__name__}, got none")
-    if isinstance(subject, Leap) and tolerance is not None:
+    else:
+        old_form("explain(problem, certificate)", "explain(certificate), which knows its problem")
+        certificate = certificate.of(subject)
+    if isinstance(certificate.problem, Leap) and tolerance is not None:
         raise InvalidInput("tolerance: expected none with a leap, whose proofs leave no residual open")
-    return explain_proof(subject, certificate, tolerance=tolerance)
+    return explain_proof(certificate, tolerance=tolerance)
 
 
 @overload
 def verify(subject: PostureProblem, answer: Posture, *, tolerance: float = TOLERANCE) -> Report[Posture]: ...
+@overload
+def verify(subject: Certificate, answer: None = None) -> Report[Certificate]: ...
 @overload
 def verify(subject: PostureProblem | Course | Leap, answer: Certificate) -> Report[Certificate]: ...
 @overload
@@ -108,6 +115,7 @@ def verify(
 @checked
 def verify(
     subject: Answer[Any]
+    | Certificate
     | PostureProblem
     | Course
     | Leap
@@ -127,11 +135,11 @@ def verify(
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
 
     Arguments:
-        subject: what ``solve``, ``plan`` or ``walk`` returned; a posture problem with its ``answer``, a posture or a
-            certificate; a course or a leap with a certificate that it has no plan; or alone, what carries its question:
-            a plan of key frames or of a leap, a gait trajectory, a data set, the file of a plan, a proof, a leap or a
-            gait, the folder of a data set or the name of one that ships.
-        answer: what is claimed of the problem or course.
+        subject: what ``solve``, ``plan`` or ``walk`` returned; a posture problem with its ``answer``, a posture; or
+            alone, what carries its question: a certificate, a plan of key frames or of a leap, a gait trajectory, a
+            data set, the file of a plan, a proof, a leap or a gait, the folder of a data set or the name of one that
+            ships.
+        answer: what is claimed of the problem. A certificate beside its problem is the old form.
         tolerance: largest violation of a constraint by an accepted posture or plan, non-dimensional. Certificates and
             walks have limits of their own.
         robot: of a file: a name or a file of the robot that its plan or gait has to be for.
@@ -159,10 +167,11 @@ def verify(
     match subject, answer:
         case PostureProblem(), Posture():
             return check_posture(subject, answer, tolerance=tolerance)
-        case (PostureProblem() | Course()), Certificate():
-            return check_certificate(subject, answer)
-        case Leap(), Certificate():
-            return check_leap_certificate(subject, answer)
+        case Certificate(), None:
+            return check_certificate(subject)
+        case (PostureProblem() | Course() | Leap()), Certificate():
+            old_form("verify(problem, certificate)", "verify(certificate), which knows its problem")
+            return check_certificate(answer.of(subject))
         case LeapPlan(), None:
             return check_leap(subject)
         case Plan(), None:
@@ -173,15 +182,23 @@ def verify(
             return check_rows(subject, tolerance=tolerance)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
     raise InvalidInput(
-        "verify: expected a posture problem with a posture or a certificate, a course or a leap with a certificate, or "
-        f"alone a plan, a trajectory, a data set or a file; got {came}"
+        "verify: expected a posture problem with a posture, or alone a certificate, a plan, a trajectory, a data set "
+        f"or a file; got {came}"
     )
+
+
+def _proof(answer: Answer[Any]) -> Certificate | None:
+    """An answer's certificate, of the answer's problem where it knows none itself; None where there is none."""
+    if answer.certificate is None or answer.certificate.problem is not None or answer.problem is None:
+        return answer.certificate
+    return answer.certificate.of(answer.problem)
 
 
 def _evidence(answer: Answer[Any]) -> tuple[Any, Any]:
     """What an answer rests on, as ``verify`` takes it: its solution, or the proof that there is none."""
-    if answer.certificate is not None and answer.problem is not None:
-        return answer.problem, answer.certificate
+    proof = _proof(answer)
+    if proof is not None:
+        return proof, None
     if answer.solution is None:
         raise InvalidInput(f"verify: expected an answer with a solution or a proof, got one that is {answer.status}")
     return (answer.problem, answer.solution) if isinstance(answer.solution, Posture) else (answer.solution, None)

@@ -175,6 +175,7 @@ def check_answers(
 def _verdict(problem: PostureProblem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
     """What is said of an answer; of one that lacks its evidence, that."""
     answer, status = answer_from_json(claim), _status(claim)
+    answer = answer.of(problem) if isinstance(answer, Certificate) else answer
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:
         hint = " (solve with --certificate)" if status == "infeasible" else ""
@@ -197,8 +198,8 @@ def _verdict(problem: PostureProblem, claim: Any, tolerance: float, why: bool) -
         }
     if answer is None:
         return {"verdict": "unclaimed", "message": f"the answer is {status}: nothing to check"}
-    proof = check_certificate(problem, answer)
-    reason = f"; {explain(problem, answer).message}" if why and proof.accepted else ""
+    proof = check_certificate(answer)
+    reason = f"; {explain(answer).message}" if why and proof.accepted else ""
     return {
         "verdict": "accepted" if proof.accepted else "refused",
         "kind": "certificate",

@@ -35,7 +35,9 @@ from stancekit.planners.verify.trajectories import check_trajectory
 
 Kind = TypeVar("Kind")
 Proof = tuple[PostureProblem | Course | Leap, Certificate]
-Saved = PostureProblem | Course | Leap | EnvelopeSet | Modes | Plan | LeapPlan | Proof | Trajectory | Learned
+Saved = (
+    PostureProblem | Course | Leap | EnvelopeSet | Modes | Plan | LeapPlan | Certificate | Proof | Trajectory | Learned
+)
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     "posture": lambda path: _only(_problems(path), path),
     "course": read_course,
@@ -93,8 +95,8 @@ def save(
 
     Arguments:
         thing: a posture problem, several of them (JSON lines), a course, a leap, envelopes, modes, a plan, a walk, the
-            pair of a problem, course or leap and its certificate, or what ``fit`` returned. A plan and a walk are
-            verified, and the verdict is written with them. A data set is a folder that ``label`` writes.
+            certificate with its problem, also as the pair that ``load`` gives, or what ``fit`` returned. A plan and a
+            walk are verified, and the verdict is written with them. A data set is a folder that ``label`` writes.
         path: the file; .json, but .safetensors for what has a network.
     Raises:
         InvalidInput: for another kind of thing, and where nothing can be written.
@@ -116,8 +118,6 @@ def save(
             leap_file.write_leap(path, thing)
         case LeapPlan():
             leap_file.write_leap(path, thing.leap, thing)
-        case [Leap() as leap, Certificate() as certificate]:
-            leap_file.write_leap(path, leap, None, certificate)
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Plan():
@@ -126,13 +126,23 @@ def save(
             trajectory_file.write_trajectory(path, thing, check_trajectory(thing))
         case Learned():
             thing.write(Path(path))
-        case [PostureProblem() | Course() as subject, Certificate() as certificate]:
-            proof_file.write_proof(path, subject, certificate)
+        case [PostureProblem() | Course() | Leap() as subject, Certificate() as certificate]:
+            _write_proof(path, certificate.of(subject))
+        case Certificate():
+            _write_proof(path, thing)
         case [PostureProblem(), *_] if all(isinstance(one, PostureProblem) for one in thing):
             problems = [one for one in thing if isinstance(one, PostureProblem)]
             write_text(path, "".join(json.dumps(one.to_json()) + "\n" for one in problems))
         case _:
             raise InvalidInput(f"{path}: expected something that has a file format, got a {type(thing).__name__}")
+
+
+def _write_proof(path: str | Path, certificate: Certificate) -> None:
+    """Write a certificate with its problem, a leap's in the leap's file."""
+    if isinstance(certificate.problem, Leap):
+        leap_file.write_leap(path, certificate.problem, None, certificate)
+    else:
+        proof_file.write_proof(path, certificate)
 
 
 def _read(path: Path) -> Any:

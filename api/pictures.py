@@ -67,7 +67,7 @@ def draw(
     match subject:
         case PostureProblem():
             posture = answer if isinstance(answer, Posture) else None
-            why = explain(subject, answer).message if isinstance(answer, Certificate) else ""
+            why = explain(answer.of(subject)).message if isinstance(answer, Certificate) else ""
             figure = draw_posture(subject, posture, envelope=envelope, caption=caption, why=why)
         case Plan():
             figure = draw_plan(subject, caption=caption)

@@ -23,3 +23,8 @@ def old_arguments(verb: str, old: Mapping[str, Any], new: Mapping[str, str], bes
             )
         warnings.warn(f"{verb}({name}=...) is old: {new[name]}", DeprecationWarning, stacklevel=4)
     return dict(old)
+
+
+def old_form(said: str, new: str) -> None:
+    """Warn that a call is in an old form. said, new: both forms; the warning is the caller's caller's."""
+    warnings.warn(f"{said} is old: {new}", DeprecationWarning, stacklevel=4)

@@ -173,7 +173,7 @@ def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[st
                 posture_s.append(middle - begin)
                 statuses[outcome.status.value] += 1
                 if outcome.certificate is not None:
-                    accepted += check_certificate(course, outcome.certificate).accepted
+                    accepted += check_certificate(outcome.certificate).accepted
             yield {
                 "class": name, "frames": copies, "postures": options.count, "seed": options.seed, **statuses,
                 "accepted": accepted, "posture_ms": 1e3 * float(np.median(posture_s)),
@@ -204,7 +204,7 @@ def foreign(options: Arguments) -> Iterator[dict[str, Any]]:
         accepted = 0
         for _ in range(options.count):
             proof, problem = proofs[rng.integers(len(proofs))], feasible[rng.integers(len(feasible))]
-            accepted += check_certificate(problem, _changed(proof, rng), tolerance=0.0).accepted
+            accepted += check_certificate(_changed(proof, rng).of(problem), tolerance=0.0).accepted
         yield {"class": name, "tries": options.count, "accepted": accepted}
 
 

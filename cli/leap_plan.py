@@ -112,7 +112,7 @@ def _reason(outcome: Answer[LeapPlan]) -> str:
 
     if outcome.certificate is None or outcome.problem is None:
         return outcome.message
-    return explain(outcome.problem, outcome.certificate).message
+    return explain(outcome.certificate).message
 
 
 def _record(leap: Leap, outcome: Answer[LeapPlan], reason: str) -> dict[str, Any]:

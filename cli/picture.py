@@ -67,7 +67,7 @@ class Picture:
             chosen = int(outcome.details.get("chosen", 0))
             caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.effort.seconds:.1f} ms"
             if outcome.certificate is not None:
-                why = explain(problem, outcome.certificate).message
+                why = explain(outcome.certificate).message
         envelope = None if envelopes is None else envelopes.envelopes[chosen]
         save(draw_posture(problem, posture, envelope=envelope, caption=caption, why=why), self.out)
         if self.json:

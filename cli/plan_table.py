@@ -36,7 +36,7 @@ def message_of(outcome: Answer[Plan]) -> str:
         return outcome.message
     from stancekit.planners.verify import explain
 
-    message = explain(outcome.problem, outcome.certificate).message
+    message = explain(outcome.certificate).message
     return message if outcome.sets is None else f"{message}; proved over the {outcome.sets} sets of its legs"
 
 

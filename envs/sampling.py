@@ -232,9 +232,9 @@ def _verified(claims: Sequence[_Claim], accept: Acceptance) -> list[_Drawn]:
         if claim.search.found is not None:
             places[k] = claim.scaled.posture(claim.search.found[1])
         elif (proof := claim.search.certificate()) is not None:
-            proofs[k] = proof
+            proofs[k] = proof.of(claim.problem)
     worst = check_postures([claims[k].problem for k in places], list(places.values()))
-    bounds = check_certificates([claims[k].problem for k in proofs], list(proofs.values()))
+    bounds = check_certificates(list(proofs.values()))
     bound = dict(zip(proofs, bounds.tolist(), strict=True))
     right = {k for k, off in zip(places, worst.tolist(), strict=True) if off <= accept.tolerance}
     right |= {k for k, value in bound.items() if value > accept.gap}

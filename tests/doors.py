@@ -244,7 +244,7 @@ def _reply(outcome: Answer[Any]) -> Reply:
     proved = ""
     if outcome.certificate is not None:
         assert outcome.problem is not None
-        assert stancekit.verify(outcome.problem, outcome.certificate).accepted
+        assert stancekit.verify(outcome.certificate).accepted
         assert stancekit.explain(outcome).message.startswith("infeasible: ")
         proved = digest_of(outcome.problem)
     planned = isinstance(outcome.solution, Plan) and outcome.status is Status.FEASIBLE

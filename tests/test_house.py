@@ -36,7 +36,7 @@ import stancekit
 problem = stancekit.sample("wall-3", rng=8)[0]
 outcome = stancekit.solve(problem)
 assert outcome.certificate is not None
-print(stancekit.explain(problem, outcome.certificate).message)
+print(stancekit.explain(outcome.certificate).message)
 found = stancekit.plan("stairs", frames=3)
 assert found.solution is not None
 stancekit.save(found.solution, "climb.json")

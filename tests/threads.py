@@ -81,7 +81,7 @@ def calls(folder: Path) -> dict[str, Call]:
     outcomes = [stancekit.solve(problem) for problem in problems]
     refuted = [outcome for outcome in outcomes if outcome.certificate is not None]
     refuted = refuted[:3]  # a number that divides PERIOD
-    of_proof = [(outcome.problem, outcome.certificate) for outcome in refuted]
+    of_proof = [outcome.certificate for outcome in refuted]
     held = [
         (p, o.solution) for p, o in zip(problems, outcomes, strict=True) if o.solution is not None
     ]
@@ -125,7 +125,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "solve": lambda k: stancekit.solve(problems[k % 10], ("exact", "lift", "two-stage")[k % 3]),
         "plan": planned,
         "verify": lambda k: stancekit.verify(*held[k % len(held)]),
-        "verify a proof": lambda k: stancekit.verify(*of_proof[k % len(of_proof)]),
+        "verify a proof": lambda k: stancekit.verify(of_proof[k % len(of_proof)]),
         "verify a plan": lambda k: stancekit.verify(plans[k % 2]),
         "explain": lambda k: stancekit.explain(refuted[k % len(refuted)]),
         "explain a course": lambda k: stancekit.explain(proofs[k % 3]),

@@ -66,8 +66,8 @@ slippery = problem_on({
     "LM": ground(-0.05, 0.25, friction=0.1, lean=np.pi / 3),
 })
 refused = stancekit.solve(slippery)
-print(refused.status.value, "- certificate accepted:", stancekit.verify(slippery, refused.certificate).accepted)
-print(stancekit.explain(slippery, refused.certificate).message)
+print(refused.status.value, "- certificate accepted:", stancekit.verify(refused.certificate).accepted)
+print(stancekit.explain(refused.certificate).message)
 
 # %%
 _ = stancekit.draw(slippery, refused.certificate, caption="no posture: the third patch lets go", out="slippery.png")

@@ -74,7 +74,7 @@ def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
         rows = sum(len(c.reach_rows.bounds_m) for c in problem.contacts if c.reach_rows is not None)
         multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(problem.contacts) + rows))
         nodes = 2 * len(multipliers) - 1  # of a binary tree with so many leaves
-        certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers)
+        certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers).of(problem)
     witness = {name: np.reshape(raw[name], shape) for name, shape in POSTURE.items() if raw[name] is not None}
     return LabelledPosture(
         problem=problem,

@@ -173,7 +173,7 @@ def recheck(dataset: Dataset) -> RecheckReport:
             off = float(np.abs(Scaled.of(row.problem).point(row.posture) - row.point).max())
             accepted = report.accepted and off < 1e-9
         elif row.status is Status.INFEASIBLE and row.certificate is not None:
-            proof = check_certificate(row.problem, row.certificate, tolerance=plan.gap)
+            proof = check_certificate(row.certificate, tolerance=plan.gap)
             certificates += 1
             bounds += [] if row.trivial else [proof.figures["lower_bound"]]
             accepted = proof.accepted and proof.figures["lower_bound"] >= (1.0 - 1e-9) * row.lower_bound

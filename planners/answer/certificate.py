@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
+from ..problem import PostureProblem
+from ..problem.course import Course
+from ..problem.leap import Leap
+
+if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Certificate:
-    """A proof that a posture problem has no answer or a course no plan: a tree that covers all that there is to choose
-    (patches, toes and forces), and multipliers a leaf.
+    """A proof that its problem has no answer: a tree that covers all that there is to choose (patches, toes and
+    forces), and multipliers a leaf.
 
     A posture problem is a course of one frame with one stance, in which foothold i is contact i with one candidate.
 
@@ -39,18 +46,21 @@ class Certificate:
             all for the non-dimensional problem; 6 + 3N for a posture. A leaf in which a foothold has no candidate left
             needs none. Any multipliers give a valid bound, so nothing here has to be trusted
             (``verify.check_certificate``).
+        problem: which has no answer: a posture problem, a course or a leap. None in a proof that was read without it;
+            ``of`` puts that right.
     Source:
         Lagrangian bounds of paper E's P, branched where one bound does not do: docs/decisions/0003.
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("wall-3", rng=8)[0]
         >>> certificate = stancekit.solve(problem).certificate
-        >>> certificate.tree.shape[1], stancekit.verify(problem, certificate).accepted
-        (5, True)
+        >>> certificate.tree.shape[1], certificate.problem is problem, stancekit.verify(certificate).accepted
+        (5, True, True)
     """
 
     tree: Array
     multipliers: Array
+    problem: PostureProblem | Course | Leap | None = None
 
     def __post_init__(self) -> None:
         for name in ("tree", "multipliers"):
@@ -58,8 +68,34 @@ class Certificate:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    @property
+    def sets(self) -> Sets | None:
+        """The sets of its robot's legs that the proof is over: within inner sets it says nothing of the robot itself.
+
+        None for a robot without legs of its own, or with other sets, and without a problem. Posture problems of a
+        robot's file are over inner sets, as they are drawn.
+        """
+        if isinstance(self.problem, Course):
+            from ..robot.contact_robot import sets_of
+
+            return sets_of(self.problem.robot)
+        return "inner" if isinstance(self.problem, PostureProblem) and self.problem.robot else None
+
+    def of(self, problem: PostureProblem | Course | Leap) -> Certificate:
+        """The same tree and multipliers as a proof of this problem, right or wrong."""
+        found = copy(self)
+        object.__setattr__(found, "problem", problem)
+        return found
+
+    @property
+    def refuted(self) -> PostureProblem | Course | Leap:
+        """The problem. Raises InvalidInput where the certificate does not know it."""
+        if self.problem is None:
+            raise InvalidInput("certificate: expected one that knows its problem, as certificate.of(problem), got none")
+        return self.problem
+
     def to_json(self) -> dict[str, Any]:
-        """Return the certificate as JSON-ready lists."""
+        """Return the certificate as JSON-ready lists, without its problem."""
         return {"tree": self.tree.tolist(), "multipliers": self.multipliers.tolist()}
 
     @classmethod

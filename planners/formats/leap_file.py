@@ -22,7 +22,7 @@ from ..problem.leap import Leap
 from ..problem.leap_classes import leap_classes
 from ..problem.leap_json import FORMAT, leap_from_keys, leap_to_json
 from ..robot.robot_file import YAML
-from ..verify.leap_proof import check_leap_certificate, explain_leap
+from ..verify import check_certificate, explain
 from ..verify.leaps import check_leap
 from .file_check import FileCheck
 
@@ -55,7 +55,7 @@ def read_leap(path: str | Path) -> LeapFile:
     leap = leap_from_keys({k: v for k, v in data.items() if k not in ("plan", "certificate")}, str(path))
     try:
         plan = None if raw_plan is None else plan_from_json(leap, raw_plan)
-        proof = None if raw_proof is None else Certificate.from_json(raw_proof)
+        proof = None if raw_proof is None else Certificate.from_json(raw_proof).of(leap)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
     return LeapFile(leap=leap, plan=plan, certificate=proof)
@@ -113,8 +113,8 @@ def check_file(path: str | Path, *, why: bool = False) -> FileCheck:
         return FileCheck(path=str(path), kind="leap", report=report, message=report.message)
     if found.certificate is None:
         raise InvalidInput(f"{path}: expected a leap with a plan or a certificate, got the question alone")
-    report = check_leap_certificate(found.leap, found.certificate)
-    reason = f"; {explain_leap(found.leap, found.certificate).message}" if why and report.accepted else ""
+    report = check_certificate(found.certificate)
+    reason = f"; {explain(found.certificate).message}" if why and report.accepted else ""
     return FileCheck(path=str(path), kind="no-leap", report=report, message=report.message + reason)
 
 

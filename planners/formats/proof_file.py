@@ -18,6 +18,7 @@ from ..files.writing import write_text
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..problem.course_json import course_from_json, course_to_json
+from ..problem.leap import Leap
 from ..problem.posture import FORMAT as POSTURE
 from ..verify import check_certificate, explain
 from .file_check import FileCheck
@@ -28,18 +29,21 @@ SUBJECT = {FORMAT: "subject", OLD: "course"}
 """The key under which a file of each format has its problem or course."""
 
 
-def write_proof(path: str | Path, subject: PostureProblem | Course, certificate: Certificate) -> None:
-    """Write a problem or course and its certificate, whole or not at all.
+def write_proof(path: str | Path, certificate: Certificate) -> None:
+    """Write a certificate and its posture problem or course, whole or not at all.
 
-    Raises InvalidInput where nothing can be written.
+    Raises InvalidInput where nothing can be written, and for a certificate of something else.
     """
+    subject = certificate.refuted
+    if isinstance(subject, Leap):
+        raise InvalidInput(f"{path}: expected a proof about a posture problem or a course, got one about a leap")
     message = course_to_json(subject) if isinstance(subject, Course) else subject.to_json()
     content = {"format": FORMAT, "subject": message, **certificate.to_json()}
     write_text(path, json.dumps(content, allow_nan=False) + "\n")
 
 
 def read_proof(path: str | Path) -> tuple[PostureProblem | Course, Certificate]:
-    """Read what ``write_proof`` wrote, now or in the older format.
+    """The problem, and its certificate, of what ``write_proof`` wrote, now or in the older format.
 
     Raises InvalidInput in one line for anything else.
     """
@@ -60,16 +64,16 @@ def read_proof(path: str | Path) -> tuple[PostureProblem | Course, Certificate]:
         certificate = Certificate.from_arrays(_table(data, "tree"), _table(data, "multipliers"))
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
-    return found, certificate
+    return found, certificate.of(found)
 
 
 def check_proof_file(path: str | Path) -> FileCheck:
     """Check a proof file by the independent checker. Raises InvalidInput for a file that cannot be read."""
     subject, certificate = read_proof(path)
-    proof = check_certificate(subject, certificate)
+    proof = check_certificate(certificate)
     of_course = isinstance(subject, Course)
     name = subject.name if isinstance(subject, Course) else f"posture on {', '.join(subject.legs)}"
-    reason = explain(subject, certificate).message if proof.accepted else proof.message
+    reason = explain(certificate).message if proof.accepted else proof.message
     kind: Literal["no-plan", "no-posture"] = "no-plan" if of_course else "no-posture"
     return FileCheck(path=str(path), kind=kind, report=proof, message=f"{name}: {reason}")
 

@@ -16,7 +16,7 @@ from ..equilibrium.programs import Programs, programs_of_this_thread
 from ..errors import InvalidInput
 from ..files.arrays import Array, check_numbers, checked_choice, checked_int
 from ..problem.leap import Leap
-from ..verify.leap_proof import check_leap_certificate
+from ..verify import check_certificate
 from ..verify.leaps import check_leap
 from .cuts import guide, plan_cut, ray
 from .numbers import LeapNumbers
@@ -84,7 +84,7 @@ def find_leap(
     """Search for a leap, and for a proof that there is none where no plan is found.
 
     Returns an outcome that is feasible with a plan that ``check_leap`` accepted, infeasible with a certificate that
-    ``check_leap_certificate`` accepted, or undecided.
+    ``check_certificate`` accepted, or undecided.
     """
     begin = time.perf_counter()
     deadline = begin + time_limit_s
@@ -109,7 +109,8 @@ def find_leap(
     certificate = certificate_of(search.proofs(deadline)) if method.proof else None
     message = "no choice that was tried has a leap, and nothing is proved"
     if certificate is not None:
-        said = check_leap_certificate(leap, certificate)
+        certificate = certificate.of(leap)
+        said = check_certificate(certificate)
         if not said.accepted:
             certificate, message = None, f"the proof was refused: {said.message}"
     return Answer(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -27,30 +28,20 @@ GIVEN = "with the reach that the problem gives the legs of {}, whatever else the
 
 
 class Planner(Protocol):
-    """Anything that answers posture problems. ``name`` is the method's name on the command line."""
+    """Anything that answers problems: posture problems, courses, or both. ``name`` is its name on the command line."""
 
     name: str
 
-    def solve(self, problem: PostureProblem) -> Answer[Posture]:
+    def solve(self, problem: Any, /) -> Answer[Any]:
         """Answer one problem. Raises InvalidInput where the planner is not made for it."""
-        ...
-
-
-class CoursePlanner(Protocol):
-    """Anything that answers courses. ``name`` is its name on the command line."""
-
-    name: str
-
-    def solve(self, course: Course) -> Answer[Plan]:
-        """Answer one course. Raises InvalidInput where the planner is not made for it."""
         ...
 
 
 @runtime_checkable
 class Limitable(Protocol):
-    """A planner of courses whose time can be limited from outside."""
+    """A planner whose time can be limited from outside."""
 
-    def with_limit(self, limit_s: float) -> CoursePlanner:
+    def with_limit(self, limit_s: float) -> Planner:
         """The same planner, whose ``solve`` takes no longer than this [s], nor longer than it would."""
         ...
 
@@ -107,6 +98,7 @@ class Acceptance:
         bound: on the objective of any plan, proved.
         """
         status, report, begin, message = Status.UNDECIDED, None, clock.elapsed(), claim.message
+        certificate: Certificate | None = None
         if claim.found is not None:
             report = self._judged(problem, claim.found)
             if report.accepted:
@@ -117,7 +109,8 @@ class Acceptance:
         posed = isinstance(problem, PostureProblem)
         bound = 0.0 if posed else bound
         if claim.certificate is not None and status is Status.UNDECIDED:
-            proof = check_certificate(problem, claim.certificate, tolerance=self.gap if posed else 0.0)
+            certificate = claim.certificate.of(problem)
+            proof = check_certificate(certificate, tolerance=self.gap if posed else 0.0)
             bound = proof.figures["lower_bound"] if posed else bound
             if proof.accepted:
                 status = Status.INFEASIBLE
@@ -130,7 +123,7 @@ class Acceptance:
             method=method,
             problem=problem,
             solution=found,
-            certificate=claim.certificate if status is Status.INFEASIBLE else None,
+            certificate=certificate if status is Status.INFEASIBLE else None,
             report=None if isinstance(found, Plan) else report,  # a plan's comes with its whole body
             objective=objective_of(found) if isinstance(found, Plan) else float("nan"),
             bound=bound,
@@ -197,3 +190,13 @@ def objective_of(plan: Plan) -> float:
         cost += weights.stance * float(np.sum(away**2))
     steps = np.array([plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, course.frames)])
     return cost + weights.toe_step * float(np.sum(steps**2))
+
+
+if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+    def __getattr__(name: str) -> Any:
+        """The names of before, for one release."""
+        if name == "CoursePlanner":
+            warnings.warn("CoursePlanner is old: Planner", DeprecationWarning, stacklevel=2)
+            return Planner
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -105,8 +105,11 @@ class _Batch:
         for k in left.tolist():
             self._lifts[k] = solve_lift(self._planner.programs, self._scaled.problem(k), least_moment=True)
         chosen = [k for k in left.tolist() if self._lifts[k].bound > gap]
-        certificates = [Certificate(tree=LEAF, multipliers=self._lifts[k].multipliers[None]) for k in chosen]
-        bounds = check_certificates([self._problems[k] for k in chosen], certificates).tolist()
+        certificates = [
+            Certificate(tree=LEAF, multipliers=self._lifts[k].multipliers[None], problem=self._problems[k])
+            for k in chosen
+        ]
+        bounds = check_certificates(certificates).tolist()
         self._took(begin, left)
         for k, certificate, bound in zip(chosen, certificates, bounds, strict=True):
             if bound > gap:

@@ -21,7 +21,8 @@ from ..files.arrays import Array
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES, PUSHES, pressing, push_share, pushed, steady
 from ..terrain.patch import Patch
-from .answer import CoursePlanner, Limitable
+from .answer import Limitable, Planner
+from .either import part_of
 from .two_stage import TwoStageCoursePlanner
 
 LOG = logging.getLogger(__name__)
@@ -49,7 +50,7 @@ def slippery(course: Course, share: float) -> Course:
 
 
 def plan_with_reserve(
-    planner: CoursePlanner,
+    planner: Planner,
     course: Course,
     shares: Sequence[float] = SHARES,
     presses: Sequence[float] = PRESSES,
@@ -67,7 +68,7 @@ def plan_with_reserve(
     (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and ``presses`` may take
     ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where the planner is not made for the course.
     """
-    begin = time.perf_counter()
+    begin, planner = time.perf_counter(), part_of(planner, "courses")
     if len(shares) > 1:
         deadline = min(deadline, begin + getattr(planner, "time_limit_s", math.inf))
     cautious = begin + CAUTION * (deadline - begin)
@@ -101,7 +102,7 @@ def plan_with_reserve(
     return outcome or Answer(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)
 
 
-def in_time(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
+def in_time(planner: Planner, deadline: float) -> Planner | None:
     """The planner with the time that is left to ``deadline`` (``time.perf_counter()``), None where none is.
 
     A planner whose time nobody can limit is the planner itself.
@@ -115,7 +116,7 @@ def in_time(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
 
 
 def _firmer(
-    planner: CoursePlanner, course: Course, outcome: Answer[Plan], presses: Sequence[float], deadline: float
+    planner: Planner, course: Course, outcome: Answer[Plan], presses: Sequence[float], deadline: float
 ) -> tuple[Answer[Plan], float]:
     """The same, or where its plan balances on an edge one that does not, and with how much of the weight its feet
     press at least: 0 for no such demand."""
@@ -133,7 +134,7 @@ def _firmer(
 
 
 def _braced(
-    planner: CoursePlanner, course: Course, outcome: Answer[Plan], least: Array, deadline: float
+    planner: Planner, course: Course, outcome: Answer[Plan], least: Array, deadline: float
 ) -> tuple[Answer[Plan], float]:
     """The same, or where some stance of its plan bears no push one whose stances do; and the share of the weight that
     they bear: 0 for none. least: bounds of the forces that hold under a push."""
@@ -149,7 +150,7 @@ def _braced(
     return outcome, borne
 
 
-def _quick(planner: CoursePlanner) -> CoursePlanner:
+def _quick(planner: Planner) -> Planner:
     """The planner without cuts in space: nobody waits half a minute for a plan that is only better to have."""
     if isinstance(planner, TwoStageCoursePlanner):
         planner = copy(planner)
@@ -157,7 +158,7 @@ def _quick(planner: CoursePlanner) -> CoursePlanner:
     return planner
 
 
-def check_push(course: Course, planner: CoursePlanner) -> None:
+def check_push(course: Course, planner: Planner) -> None:
     """Raise InvalidInput where a course asks for a push and the planner knows none, or no posture can bear it."""
     if course.push_n == 0.0:
         return

@@ -71,8 +71,11 @@ def proved(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> dict[
     half_spaces = sum(row_counts(batch.like.contacts))
     for nth in range(rows.shape[1]):
         left = np.array([k for k in range(len(batch)) if k not in found and _finite(rows[k, nth])], dtype=np.intp)
-        certificates = [_certificate(row, half_spaces) for row in rows[left, nth]]
-        bounds = check_certificates([batch.problems[k] for k in left.tolist()], certificates).tolist()
+        certificates = [
+            _certificate(row, half_spaces).of(batch.problems[k])
+            for k, row in zip(left.tolist(), rows[left, nth], strict=True)
+        ]
+        bounds = check_certificates(certificates).tolist()
         for k, certificate, bound in zip(left.tolist(), certificates, bounds, strict=True):
             if bound > accept.gap:
                 found[k] = (certificate, bound)

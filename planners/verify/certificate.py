@@ -28,14 +28,19 @@ GAP = 1e-4
 """The moment residual that the certificate of a posture has to prove unless another is asked for, non-dimensional."""
 
 
-def check_certificate(
-    subject: PostureProblem | Course, certificate: Certificate, *, tolerance: float | None = None
-) -> Report[Certificate]:
+def check_certificate(certificate: Certificate, *, tolerance: float | None = None) -> Report[Certificate]:
     """Replay the certificate's tree and bound the moment residual at every leaf; never raises for a bad certificate.
 
     Accepted when every leaf's bound exceeds ``tolerance`` (non-dimensional moment, not below 0); unless told, that is
-    ``GAP`` for a posture problem and 0 for a course. ``explain`` says what the proof gives as its reason.
+    ``GAP`` for a posture problem and 0 for a course. ``explain`` says what the proof gives as its reason. Proofs about
+    leaps have limits of their own (``leap_proof``). Raises InvalidInput for a certificate that does not know its
+    problem.
     """
+    subject = certificate.refuted
+    if isinstance(subject, Leap):
+        from .leap_proof import check_leap_certificate  # of leaps alone
+
+        return check_leap_certificate(certificate)
     of_course = isinstance(subject, Course)
     if tolerance is None:
         tolerance = 0.0 if of_course else GAP
@@ -43,7 +48,7 @@ def check_certificate(
     try:
         replayed = forest.replay(0, certificate)
     except InvalidInput as error:
-        return proof_report(subject, certificate, tolerance, 0.0, 0, -1, f"rejected: {error}")
+        return proof_report(certificate, tolerance, 0.0, 0, -1, f"rejected: {error}")
     bounds = leaf_bounds(forest.numbers, forest.leaves({0: replayed}))
     weakest, leaves = int(np.argmin(bounds)), len(bounds)
     bound = float(bounds[weakest])
@@ -55,11 +60,10 @@ def check_certificate(
     else:
         scale = subject.weight_n * subject.length_scale_m if isinstance(subject, Course) else subject.moment_scale_nm
         message = f"refuted at all leaves ({leaves}): {bound * scale:.3g} Nm of moment or more are left over"
-    return proof_report(subject, certificate, tolerance, bound, leaves, weakest, message)
+    return proof_report(certificate, tolerance, bound, leaves, weakest, message)
 
 
 def proof_report(
-    subject: PostureProblem | Course | Leap,
     certificate: Certificate,
     tolerance: float,
     bound: float,
@@ -70,7 +74,7 @@ def proof_report(
     """The report on a proof: one group, the least bound of its leaves, which has to exceed the tolerance.
 
     Arguments:
-        subject, certificate: what was proved of what.
+        certificate: what was judged.
         tolerance: above which a bound has to be.
         bound: the least.
         leaves: how many were checked.
@@ -87,18 +91,19 @@ def proof_report(
     )
     return Report(
         groups=(group,),
-        subject=subject,
+        subject=certificate.problem,
         answer=certificate,
         tolerance=tolerance,
         figures={"lower_bound": bound, "leaves": leaves, "weakest": weakest},
     )
 
 
-def check_certificates(problems: Sequence[PostureProblem], certificates: Sequence[Certificate]) -> Array:
+def check_certificates(certificates: Sequence[Certificate]) -> Array:
     """The ``lower_bound`` of ``check_certificate`` for many posture problems at once, shape (B,); 0 for a bad tree.
 
     A problem is refuted where this exceeds the tolerance, not below 0. Problems may have any number of contacts.
     """
+    problems = [_posture_problem(certificate) for certificate in certificates]
     bounds = np.zeros(len(problems))
     kinds = [(row_counts(problem.contacts), counts_of(problem.contacts)) for problem in problems]
     for kind in set(kinds):
@@ -115,6 +120,14 @@ def check_certificates(problems: Sequence[PostureProblem], certificates: Sequenc
             each = leaf_bounds(forest.numbers, forest.leaves(replayed))
             bounds[[rows[q] for q in replayed]] = np.minimum.reduceat(each, begins)
     return bounds
+
+
+def _posture_problem(certificate: Certificate) -> PostureProblem:
+    """The posture problem that a certificate is of. Raises InvalidInput for one of anything else."""
+    problem = certificate.refuted
+    if not isinstance(problem, PostureProblem):
+        raise InvalidInput(f"certificate: expected one of a posture problem, got one of a {type(problem).__name__}")
+    return problem
 
 
 def forest_of(subject: PostureProblem | Course) -> Forest:

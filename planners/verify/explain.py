@@ -29,21 +29,20 @@ MOST_GRIP, MOST_LENGTH, COURSE_BISECTIONS = 3.0, 2.0, 12
 """For courses it looks no further than these (friction, to one part in 4,096; m or rad)."""
 
 
-def explain(
-    subject: PostureProblem | Course | Leap, certificate: Certificate, *, tolerance: float | None = None
-) -> Explanation:
+def explain(certificate: Certificate, *, tolerance: float | None = None) -> Explanation:
     """How far each single parameter must change before a certificate fails: the parameters of a posture problem, the
     cheapest growth first, those of a course's weakest leaf, the one that changes least first, or friction and reach of
     a leap.
 
     tolerance: as for ``check_certificate``; a leap has none. A certificate that is not accepted explains nothing: no
-    relaxations, and the message says why.
+    relaxations, and the message says why. Raises InvalidInput for one that does not know its problem.
     """
+    subject = certificate.refuted
     if isinstance(subject, Leap):
         from .leap_proof import explain_leap  # of leaps alone
 
-        return explain_leap(subject, certificate)
-    report = check_certificate(subject, certificate, tolerance=tolerance)
+        return explain_leap(certificate)
+    report = check_certificate(certificate, tolerance=tolerance)
     if not report.accepted:
         return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")
     forest = forest_of(subject)

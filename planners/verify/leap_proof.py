@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ..answer.certificate import Certificate
 from ..answer.report import Report
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
@@ -36,14 +37,15 @@ GUARD = 1e-7
 """A leaf's bound has to be above this, for multipliers of at most 1: far more than rounding."""
 
 
-def check_leap_certificate(leap: Leap, certificate: Certificate) -> Report[Certificate]:
-    """Replay a certificate's tree and bound every leaf; never raises for a bad certificate."""
+def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
+    """Replay a certificate's tree and bound every leaf; never raises for a bad certificate of a leap."""
+    leap = _leap(certificate)
     try:
         leaves = _replayed(leap, certificate)
         timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
         bounds = np.array([timings[timing].parts(row).least(opened) for timing, opened, row in leaves])
     except _Refused as error:
-        return proof_report(leap, certificate, GUARD, 0.0, 0, -1, f"rejected: {error}")
+        return proof_report(certificate, GUARD, 0.0, 0, -1, f"rejected: {error}")
     weakest = int(bounds.argmin())
     bound = float(bounds[weakest])
     accepted = bound > GUARD
@@ -51,7 +53,7 @@ def check_leap_certificate(leap: Leap, certificate: Certificate) -> Report[Certi
         message = f"refuted at all leaves ({len(bounds)})"
     else:
         message = f"rejected: leaf {weakest} of {len(bounds)} proves {bound:.3g}, expected above {GUARD:g}"
-    return proof_report(leap, certificate, GUARD, bound, len(bounds), weakest, message)
+    return proof_report(certificate, GUARD, bound, len(bounds), weakest, message)
 
 
 class Refuter:
@@ -99,13 +101,13 @@ def _pairs(choices: NDArray[np.int_]) -> set[tuple[int, int]]:
     return {pair for choice in choices.tolist() for pair in enumerate(choice)}
 
 
-def explain_leap(leap: Leap, certificate: Certificate) -> Explanation:
+def explain_leap(certificate: Certificate) -> Explanation:
     """How far friction under each toe, or reach of each limb, must grow at least before a certificate fails.
 
     Returns these growths, the smallest relative one first, and the first of them in one line; a certificate that is not
     accepted explains nothing.
     """
-    report = check_leap_certificate(leap, certificate)
+    leap, report = _leap(certificate), check_leap_certificate(certificate)
     if not report.accepted:
         return Explanation(relaxations=(), message=f"not explained: the certificate is {report.message}")
     timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
@@ -134,6 +136,14 @@ def explain_leap(leap: Leap, certificate: Certificate) -> Explanation:
             f"{best.needed:.2f} needed"
         )
     return Explanation(relaxations=tuple(found), message=message)
+
+
+def _leap(certificate: Certificate) -> Leap:
+    """The leap that a certificate is of. Raises InvalidInput for one of anything else."""
+    leap = certificate.refuted
+    if not isinstance(leap, Leap):
+        raise InvalidInput(f"certificate: expected one of a leap, got one of a {type(leap).__name__}")
+    return leap
 
 
 class _Refused(Exception):

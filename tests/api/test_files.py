@@ -59,9 +59,12 @@ def test_plans_and_courses_come_back_and_a_plan_is_verified_as_it_is_written(pla
 
 def test_a_proof_comes_back_as_subject_and_certificate(problems, tmp_path):
     certificate = stancekit.solve(problems[0]).certificate
-    stancekit.save((problems[0], certificate), tmp_path / "proof.json")
+    stancekit.save(certificate, tmp_path / "proof.json")
+    stancekit.save((problems[0], certificate), tmp_path / "pair.json")
+    assert (tmp_path / "pair.json").read_bytes() == (tmp_path / "proof.json").read_bytes()
     subject, proof = stancekit.load(tmp_path / "proof.json")
-    assert stancekit.verify(subject, proof).accepted
+    assert proof.problem is subject
+    assert stancekit.verify(proof).accepted
     np.testing.assert_array_equal(proof.multipliers, certificate.multipliers)
 
 
@@ -116,3 +119,21 @@ def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
             stancekit.verify(subject, answer)
     with pytest.raises(stancekit.InvalidInput, match="expected no answer and no envelope with a Plan"):
         stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution)
+
+
+def test_a_certificate_knows_what_it_is_a_proof_of_and_the_form_of_before_is_taken_with_a_warning(problems):
+    answer = stancekit.solve(problems[0])
+    certificate = answer.certificate
+    assert certificate.problem is answer.problem is problems[0]
+    assert stancekit.explain(certificate) == stancekit.explain(answer)
+    assert stancekit.verify(certificate).digest == stancekit.verify(answer).digest
+    with pytest.warns(DeprecationWarning, match=r"verify\(certificate\), which knows its problem"):
+        assert stancekit.verify(problems[0], certificate).accepted
+    with pytest.warns(DeprecationWarning, match=r"explain\(certificate\), which knows its problem"):
+        assert stancekit.explain(problems[0], certificate) == stancekit.explain(certificate)
+    read = stancekit.Certificate.from_json(certificate.to_json())
+    with pytest.raises(stancekit.InvalidInput, match=r"certificate: expected one that knows its problem, .* got none"):
+        stancekit.verify(read)
+    assert stancekit.verify(read.of(problems[0])).accepted
+    other = stancekit.sample("ground-3", rng=3)[0]
+    assert not stancekit.verify(certificate.of(other)).accepted

@@ -12,8 +12,8 @@ outcome = stancekit.solve(problem)
 assert outcome.status.value == "infeasible"
 """
 EXPLAIN = """
-assert stancekit.verify(problem, outcome.certificate).accepted
-assert "friction of RR" in stancekit.explain(problem, outcome.certificate).message
+assert stancekit.verify(outcome.certificate).accepted
+assert "friction of RR" in stancekit.explain(outcome.certificate).message
 """
 ENVIRONMENT = """
 import gymnasium

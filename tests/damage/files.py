@@ -93,7 +93,7 @@ def _plans(folder: Path) -> None:
     icy = build_course(spec_from({**spec, "terrain": {**spec["terrain"], "friction": 0.0}}), folder)
     refuted = TwoStageCoursePlanner().solve(icy).certificate
     assert refuted is not None
-    write_proof(folder / "proof.json", icy, refuted)
+    write_proof(folder / "proof.json", refuted.of(icy))
     command(("run", "plan.json", "--world", "mujoco", "--rate-hz", "10", "--pace", "4", "--log", "long.mcap"))
     _shortened(folder / "long.mcap", folder / "run.mcap")
     joints = joint_names(plan.course.robot)

@@ -80,7 +80,7 @@ def _answer(
     """The answer that an outcome is. asked: the scene's own course, where the outcome is not of a problem."""
     message, report = outcome.message, outcome.report
     if outcome.certificate is not None and outcome.problem is not None:
-        message = explain(outcome.problem, outcome.certificate).message
+        message = explain(outcome.certificate).message
         if outcome.sets is not None:
             message += f", over the {outcome.sets} sets of its legs"
     elif report is not None and not report.accepted:

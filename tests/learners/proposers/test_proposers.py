@@ -81,7 +81,7 @@ def test_a_claimed_proof_proves_no_more_than_the_verifier_finds(programs, name):
     values = proof.least_values(Scenes.of(scaled.select(index), torch.float64), torch.tensor(rows)[:, None])[:, 0]
     assert (values[: len(leaf)] > 0.0).sum() > 0.7 * len(leaf)
     certificates = [Certificate(tree=np.zeros((1, 5)), multipliers=row[None]) for row in rows]
-    bounds = check_certificates([batch.problems[k] for k in index], certificates)
+    bounds = check_certificates([one.of(batch.problems[k]) for k, one in zip(index, certificates, strict=True)])
     moments = np.abs(rows[:, 3:6]).sum(axis=1)
     for value, bound, moment in zip(values.tolist(), bounds, moments, strict=True):
         if value > 1e-4 and moment > 0.0:

@@ -259,7 +259,7 @@ def test_multipliers_of_either_engine_prove_the_same(drawn):
                 for engine in ("rows", "cvxpy")
             )
             bounds = [
-                check_certificate(problem, Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None]))
+                check_certificate(Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None]).of(problem))
                 for answer in (ours, theirs)
             ]
             assert bounds[0].accepted == bounds[1].accepted == (ours.bound > 1e-4)
@@ -277,7 +277,7 @@ def test_rays_of_either_engine_refute_a_course(ragged):
             answer = Programs(engine=engine).get(LiftProgram, scaled.layout, False, False).solve(scaled)
             if answer.status is ConicStatus.INFEASIBLE:
                 proof = Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None])
-                assert check_certificate(course, proof).accepted, f"{engine} {seed}"
+                assert check_certificate(proof.of(course)).accepted, f"{engine} {seed}"
                 refuted += 1
     assert refuted >= 4
     assert refuted % 2 == 0

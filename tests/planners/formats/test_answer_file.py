@@ -278,7 +278,7 @@ def test_an_outcome_is_strict_json_that_can_be_checked(outcomes, name, proof):
         assert "certificate" not in record
     elif name in ("infeasible", "trivial"):
         assert ("certificate" in record) == proof
-        assert answer is None or check_certificate(problem, answer).figures["lower_bound"] == outcome.bound
+        assert answer is None or check_certificate(answer.of(problem)).figures["lower_bound"] == outcome.bound
         assert record["lower_bound"] == (UNBOUNDED if name == "trivial" else outcome.bound)
         assert record["residual"] is None
     else:

@@ -20,7 +20,7 @@ from stancekit.planners.leap.scp import LeapAttempt, attempt
 from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.planners.verify.leap_proof import check_leap_certificate, explain_leap
+from stancekit.planners.verify import check_certificate, explain
 from stancekit.planners.verify.leaps import check_leap
 
 
@@ -92,13 +92,13 @@ def test_the_picker_gives_the_best_sum_that_no_cut_refutes() -> None:
 def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: Answer[LeapPlan]) -> None:
     leap, proof = refuted.problem, refuted.certificate
     assert proof is not None
-    assert check_leap_certificate(leap, proof).accepted
+    assert check_certificate(proof.of(leap)).accepted
     nothing = Certificate(tree=proof.tree, multipliers=0.0 * proof.multipliers)
     short = Certificate(tree=proof.tree, multipliers=proof.multipliers[:, :-1])
     torn = Certificate(tree=np.array([[1.0, 0.0, 0.0, 0.0, 0.0]]), multipliers=proof.multipliers[:1])
     noise = np.random.default_rng(0).normal(size=proof.multipliers.shape)
     for bad in (nothing, short, torn, Certificate(tree=proof.tree, multipliers=noise)):
-        assert not check_leap_certificate(leap, bad).accepted
+        assert not check_certificate(bad.of(leap)).accepted
     with_grip = replace(
         leap,
         footholds=tuple(
@@ -107,14 +107,14 @@ def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: Answer[Lea
         ),
         robot=replace(leap.robot, limbs=tuple(replace(limb, reach_m=1.0) for limb in leap.robot.limbs)),
     )
-    assert not check_leap_certificate(with_grip, proof).accepted
+    assert not check_certificate(proof.of(with_grip)).accepted
 
 
 def test_the_planners_bound_is_that_of_the_check(refuted: Answer[LeapPlan]) -> None:
     leap, proof = refuted.problem, refuted.certificate
     assert proof is not None
     if len(proof.multipliers) == 1:
-        bound = check_leap_certificate(leap, proof).figures["lower_bound"]
+        bound = check_certificate(proof.of(leap)).figures["lower_bound"]
         numbers = LeapNumbers.of(leap)
         cut = proof_cut(numbers, proof.multipliers[0])
         assert cut.least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-6)
@@ -122,7 +122,7 @@ def test_the_planners_bound_is_that_of_the_check(refuted: Answer[LeapPlan]) -> N
 
 def test_an_explanation_names_what_would_have_to_give(refuted: Answer[LeapPlan]) -> None:
     assert refuted.certificate is not None
-    said = explain_leap(refuted.problem, refuted.certificate)
+    said = explain(refuted.certificate)
     first = said.relaxations[0]
     assert said.message.startswith("infeasible: ")
     assert first.leg in said.message
@@ -155,8 +155,8 @@ def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(
     both = replace(refuted.problem, timings_s=(refuted.problem.timings_s[0], refuted.problem.timings_s[0]))
     proof = find_leap(both, LeapFinder(solves=4)).certificate
     assert proof is not None
-    assert check_leap_certificate(both, proof).accepted
-    assert not check_leap_certificate(refuted.problem, proof).accepted
+    assert check_certificate(proof.of(both)).accepted
+    assert not check_certificate(proof.of(refuted.problem)).accepted
 
 
 def test_a_forged_leap_is_refused(found: Answer[LeapPlan]) -> None:
@@ -193,7 +193,7 @@ def test_any_multipliers_have_the_bound_that_the_check_works_out_on_its_own(name
     for _ in range(3):
         row = np.abs(rng.normal(size=size)) * (rng.random(size) < 0.3)  # half-spaces and heights weigh nothing below 0
         leaf = Certificate(tree=np.zeros((1, 5)), multipliers=row[None])
-        bound = check_leap_certificate(leap, leaf).figures["lower_bound"]
+        bound = check_certificate(leaf.of(leap)).figures["lower_bound"]
         assert proof_cut(numbers, row).least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-9)
 
 

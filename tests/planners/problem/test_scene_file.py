@@ -77,7 +77,7 @@ def test_a_scene_whose_first_stance_is_out_of_reach_is_refuted(programs):
     course = read_course("anymal-complex")
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
-    assert check_certificate(course, outcome.certificate).accepted
+    assert check_certificate(outcome.certificate.of(course)).accepted
 
 
 def test_two_soles_have_no_room_on_the_bridge_of_the_ramp(tmp_path, programs):
@@ -91,7 +91,7 @@ def test_two_soles_have_no_room_on_the_bridge_of_the_ramp(tmp_path, programs):
     assert {len(put.candidates) for put in course.footholds} == {4}  # yaws
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
-    assert check_certificate(course, outcome.certificate).accepted
+    assert check_certificate(outcome.certificate.of(course)).accepted
     narrow = [[x, 0.8 * y] for x, y in keys_of("talos-ramp")["ours"]["sole_m"]]
     path = written(
         tmp_path, "talos-ramp", initial_contacts=None, phases=phases, ours={"start": "free", "sole_m": narrow}

@@ -202,7 +202,7 @@ def test_the_box_is_implied_exactly_where_cone_and_normal_limit_reach_no_other_s
 def test_the_multipliers_prove_the_bound(programs, drawn, mixed, scene):
     problem = drawn(*scene) if isinstance(scene[0], str) else mixed(*scene)
     answer = least(programs, Scaled.of(problem))
-    report = check_certificate(problem, Certificate(tree=LEAF, multipliers=answer.multipliers[None]))
+    report = check_certificate(Certificate(tree=LEAF, multipliers=answer.multipliers[None]).of(problem))
     if np.isinf(answer.bound):
         assert report.figures["lower_bound"] == np.inf
     else:
@@ -399,7 +399,7 @@ def test_the_multipliers_of_a_course_prove_its_bound_and_those_of_its_ray_that_i
     courses = [climb(seed, **shape) for seed in range(4) for shape in ({}, {"regions": 2, "ice": 0.5}, {"frames": 3})]
     for course in [*courses, *(rough(seed, regions=2, ice=0.5) for seed in range(6))]:
         for answer in (lifted(programs, course), least(programs, Scaled.of(course))):
-            report = check_certificate(course, Certificate(tree=LEAF, multipliers=answer.multipliers[None]))
+            report = check_certificate(Certificate(tree=LEAF, multipliers=answer.multipliers[None]).of(course))
             if answer.status is ConicStatus.INFEASIBLE:
                 unbounded = report.figures["lower_bound"] == np.inf
                 assert unbounded or lifted(programs, course).status is ConicStatus.INFEASIBLE

@@ -51,8 +51,8 @@ def test_a_posture_gets_the_same_verdict_as_a_course_of_one_frame(programs, draw
     if plan.status is Status.FEASIBLE:
         assert check_plan(plan.solution).accepted
         return
-    assert check_certificate(course, plan.certificate).accepted
-    assert check_certificate(course, posture.certificate).accepted  # either proof is one of the other
+    assert check_certificate(plan.certificate.of(course)).accepted
+    assert check_certificate(posture.certificate.of(course)).accepted  # either proof is one of the other
     if scene in CUT:
         assert len(plan.certificate.multipliers) > 1
 
@@ -77,7 +77,7 @@ def test_what_cuts_find_or_refute_the_verifier_accepts_whatever_polygons_ice_and
         assert (search.found is None) != (search.certificate() is None)
         if search.found is None:
             kinds |= set(search.certificate().tree[:, 0])
-            assert check_certificate(course, search.certificate()).accepted
+            assert check_certificate(search.certificate().of(course)).accepted
         else:
             found += 1
             plan = plan_of(course, scaled, *search.found, provenance={})
@@ -98,7 +98,7 @@ def test_what_pieces_of_a_bent_patch_leave_out_costs_no_proof(programs, rough):
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
     assert set(outcome.certificate.tree[:, 0]) == {0.0, 1.0, 3.0}
-    assert check_certificate(course, outcome.certificate).figures["lower_bound"] < 2e-5
+    assert check_certificate(outcome.certificate.of(course)).figures["lower_bound"] < 2e-5
     bent = [sag(patch.vertices_m / course.length_scale_m) for put in footholds for patch in put.candidates]
     assert max(bent) > 5e-5
 
@@ -109,7 +109,7 @@ def test_a_certificate_has_choices_cuts_and_forces_where_patches_are_torn_and_la
         problem = drawn(*scene)
         course = as_course(problem, candidates)
         search = searched(programs, Scaled.of(course))
-        report = check_certificate(course, search.certificate())
+        report = check_certificate(search.certificate().of(course))
         assert report.accepted
         assert report.figures["leaves"] == len(search.certificate().multipliers) > 5
         kinds |= set(search.certificate().tree[:, 0])

@@ -100,7 +100,7 @@ def test_steps_too_short_to_get_anywhere_are_refuted_with_a_certificate_without_
     near = replace(course, steps=StepLimits(com_m=0.2, toe_m=1e-3, progress_m=0.01))
     outcome = planner.solve(near)
     assert outcome.status is Status.INFEASIBLE
-    assert check_certificate(near, outcome.certificate).accepted
+    assert check_certificate(outcome.certificate.of(near)).accepted
     forces = outcome.certificate.multipliers[0, : 6 * len(near.stances)]
     np.testing.assert_array_equal(forces, 0.0)
-    assert not check_certificate(course, outcome.certificate).accepted
+    assert not check_certificate(outcome.certificate.of(course)).accepted

@@ -200,7 +200,7 @@ def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learn
     short = replace(course, com_radius_m=np.full(3, 1e-3), steps=replace(course.steps, com_m=0.01, progress_m=0.0))
     outcome = EnvelopeCoursePlanner(learned["wall-3"], programs=programs).solve(short)
     assert outcome.status is Status.INFEASIBLE
-    assert check_certificate(short, outcome.certificate).accepted
+    assert check_certificate(outcome.certificate.of(short)).accepted
 
 
 def test_stances_that_the_set_was_not_learned_for_are_named(learned):

@@ -30,7 +30,7 @@ def test_a_cut_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb
             assert cuts.add(row) == 0
             for other in (choice, *rng.integers(2, size=(4, len(choice)))):
                 proof = Certificate(tree=LEAF, multipliers=row[None])
-                accepted = check_certificate(course.with_choice(other), proof).accepted
+                accepted = check_certificate(proof.of(course.with_choice(other))).accepted
                 said = cuts.refuting(np.eye(2)[other]) is not None
                 assert not said or accepted
                 if said != accepted:  # only a bound between zero and the margin
@@ -73,7 +73,7 @@ def test_what_refutes_one_stance_alone_refutes_the_course(climb, programs):
                 if lifted.bound > MARGIN:
                     row = of_stance(scaled, stance, lifted)
                     proof = Certificate(tree=LEAF, multipliers=row[None])
-                    assert check_certificate(course.with_choice(choice), proof).accepted
+                    assert check_certificate(proof.of(course.with_choice(choice))).accepted
                     cuts.add(row)
                     refuted += 1
             only = np.eye(2)[choice]
@@ -99,7 +99,7 @@ def test_on_odd_polygons_with_toes_that_stand_and_several_candidates_it_is_never
             number = cuts.add(row)
             least = np.where(scaled.opened() > 0.0, cuts.tables[number], np.inf).min(axis=1).sum()
             refutes = bool(least + cuts.constants[number] > MARGIN)
-            accepted = check_certificate(course, Certificate(tree=LEAF, multipliers=row[None])).accepted
+            accepted = check_certificate(Certificate(tree=LEAF, multipliers=row[None]).of(course)).accepted
             assert accepted or not refutes
             said[refutes] += 1
     assert said[True] >= 3

@@ -82,7 +82,7 @@ def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan
     tight = limited(pinned, 0.0)
     assert planner.solve(pinned).solution is not None
     proof = planner.solve(tight).certificate
-    assert check_certificate(tight, proof).accepted
+    assert check_certificate(proof.of(tight)).accepted
     weights = Multipliers.of(Schedule.of_course(tight), proof.multipliers).linear_step
     assert weights.max() > 0.1
     assert weights.min() >= 0.0
@@ -91,11 +91,11 @@ def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan
     for scale in (0.0, 0.01, 0.1, 1.0):
         for _ in range(20):
             noise = rng.normal(scale=scale, size=proof.multipliers.shape)
-            assert not check_certificate(wide, replace(proof, multipliers=proof.multipliers + noise)).accepted
+            assert not check_certificate(replace(proof, multipliers=proof.multipliers + noise).of(wide)).accepted
     negative = proof.multipliers.copy()
     negative[0, -1] = -0.5
-    assert not check_certificate(tight, replace(proof, multipliers=negative)).accepted
-    assert "steps.yaw_rad" in {one.parameter for one in explain(tight, proof).relaxations}
+    assert not check_certificate(replace(proof, multipliers=negative).of(tight)).accepted
+    assert "steps.yaw_rad" in {one.parameter for one in explain(proof.of(tight)).relaxations}
 
 
 def test_it_is_a_key_of_files_and_older_ones_have_none(climb):

@@ -37,10 +37,10 @@ def test_every_method_answers_with_evidence_and_never_against_the_exact_one(meth
         assert (outcome.solution is not None) == (outcome.status is Status.FEASIBLE)
         assert (outcome.certificate is not None) == (outcome.status is Status.INFEASIBLE)
         assert outcome.solution is None or check_posture(problem, outcome.solution).accepted
-        assert outcome.certificate is None or check_certificate(problem, outcome.certificate).accepted
+        assert outcome.certificate is None or check_certificate(outcome.certificate.of(problem)).accepted
         assert outcome.effort.seconds > 0.0
 
 
 def test_an_unknown_method_is_refused():
     with pytest.raises(InvalidInput, match=r"exact, p1, lift, two-stage, nlp, micp, or FILE\.py:NAME, got 'magic'$"):
-        make_planner("magic")
+        make_planner("magic", of="postures")

@@ -75,7 +75,7 @@ def test_on_any_part_of_what_it_covers_its_subtree_is_a_proof(hard, seed):
         opened[p, rng.choice(np.flatnonzero(there[p]))] = 1.0
     assert nogoods.refuting(opened) is not None
     part, new = restricted(course, opened)
-    assert check_certificate(part, proof(nogoods, number, opened, new)).accepted
+    assert check_certificate(proof(nogoods, number, opened, new).of(part)).accepted
 
 
 def test_on_one_choice_only_cuts_and_forces_are_left_of_its_subtree(hard):
@@ -158,7 +158,7 @@ def test_a_whole_search_that_ends_in_nogoods_has_a_certificate_of_all_of_them(pr
     search = planner.search(Scaled.of(course), Clock.start())
     assert search.found is None
     assert search.certificate() is not None
-    report = check_certificate(course, search.certificate())
+    report = check_certificate(search.certificate().of(course))
     assert report.accepted
     outcome = planner.solve(course)
     assert outcome.status is Status.INFEASIBLE

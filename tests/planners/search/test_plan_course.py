@@ -87,9 +87,11 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
     assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, "outer")
     assert outcome.certificate is not None
     assert outcome.problem is not None
-    assert check_certificate(outcome.problem, outcome.certificate).accepted
+    assert outcome.certificate.sets == "outer"
+    assert outcome.certificate.problem is outcome.problem
+    assert check_certificate(outcome.certificate).accepted
     assert stancekit.explain(outcome).message.startswith("infeasible: ")
-    assert stancekit.explain(outcome.problem, outcome.certificate) == stancekit.explain(outcome)
+    assert stancekit.explain(outcome.certificate) == stancekit.explain(outcome)
 
 
 def test_replanning_a_window_proves_over_outer_sets_too(high: Callable[[float], Path]) -> None:
@@ -117,7 +119,7 @@ def test_built_in_courses_are_loaded_by_name_and_explained() -> None:
     ), terrain=tuple(patch.with_friction(0.05) for patch in course.terrain))  # fmt: skip
     outcome = stancekit.plan(slick)
     assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, None)
-    assert stancekit.explain(slick, outcome.certificate).message == stancekit.explain(outcome).message
+    assert stancekit.explain(outcome.certificate.of(slick)).message == stancekit.explain(outcome).message
     with pytest.raises(stancekit.InvalidInput, match="expected an answer that is infeasible, got one that is feasible"):
         stancekit.explain(stancekit.plan("walls", frames=2))
 

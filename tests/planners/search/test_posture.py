@@ -65,7 +65,7 @@ def test_a_status_is_always_one_of_the_whole_problem(programs, truth, learned, p
             assert outcome.claim == "feasible"
         elif outcome.status is Status.INFEASIBLE:
             assert exact.status is Status.INFEASIBLE
-            assert check_certificate(problem, outcome.certificate).accepted
+            assert check_certificate(outcome.certificate.of(problem)).accepted
             assert outcome.claim == "infeasible"
             assert outcome.message == ""
         else:
@@ -110,7 +110,7 @@ def test_what_no_box_can_help_comes_with_the_lifts_certificate(programs, truth, 
             outcome = planner.solve(problem)
             assert outcome.status is Status.INFEASIBLE
             assert outcome.bound == outcome.details["margin"] == np.inf
-            assert check_certificate(problem, outcome.certificate).figures["lower_bound"] == np.inf
+            assert check_certificate(outcome.certificate.of(problem)).figures["lower_bound"] == np.inf
     assert trivial >= 8
 
 

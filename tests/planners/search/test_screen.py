@@ -30,7 +30,7 @@ def test_where_nothing_carries_the_weight_the_verifier_accepts_a_direction_as_th
             Certificate(tree=np.zeros((1, 5)), multipliers=np.array([[*-direction, *np.zeros(12)]]))
             for direction in DIRECTIONS
         ]
-        assert np.isinf(check_certificates([batch.problem(k)] * len(proofs), proofs)).any()
+        assert np.isinf(check_certificates([proof.of(batch.problem(k)) for proof in proofs])).any()
         assert outcomes[k].details["trivial"]
     trivial = sum(outcome.details["trivial"] > 0.0 for outcome in outcomes)
     assert 0.6 * trivial < len(found) <= trivial

@@ -105,8 +105,8 @@ def test_the_com_is_over_the_sole_and_nowhere_else(planner, direction, yaw):
     assert found.status is Status.FEASIBLE
     assert refuted.status is Status.INFEASIBLE
     assert check_posture(inside, found.solution).accepted
-    assert check_certificate(outside, refuted.certificate).accepted
-    assert not check_certificate(inside, refuted.certificate).accepted
+    assert check_certificate(refuted.certificate.of(outside)).accepted
+    assert not check_certificate(refuted.certificate.of(inside)).accepted
     assert planner.solve(on_one_sole(0.01, direction, sole=None)).status is Status.INFEASIBLE  # a point foot tips
 
 
@@ -271,17 +271,17 @@ def test_proofs_with_soles_are_no_proofs_of_what_can_be_held(planner, soled, dra
         problem = soled(drawn("wall-3", seed), seed)
         outcome = planner.solve(problem)
         assert outcome.status is not Status.UNDECIDED
-        proofs += [] if outcome.certificate is None else [(problem, outcome.certificate)]
+        proofs += [] if outcome.certificate is None else [outcome.certificate]
         if outcome.status is Status.FEASIBLE and proofs:
-            foreign = proofs[int(rng.integers(len(proofs)))][1]
+            foreign = proofs[int(rng.integers(len(proofs)))]
             for scale in (0.0, 0.1, 1.0):
                 noise = rng.normal(scale=scale, size=foreign.multipliers.shape)
                 fake = Certificate(tree=foreign.tree, multipliers=foreign.multipliers + noise)
-                assert not check_certificate(problem, fake).accepted
+                assert not check_certificate(fake.of(problem)).accepted
                 tried += 1
     assert tried > 10
-    bounds = check_certificates(*zip(*proofs, strict=True))
-    np.testing.assert_allclose(bounds, [check_certificate(*pair).figures["lower_bound"] for pair in proofs])
+    bounds = check_certificates(proofs)
+    np.testing.assert_allclose(bounds, [check_certificate(proof).figures["lower_bound"] for proof in proofs])
 
 
 def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_course_takes(
@@ -297,10 +297,10 @@ def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_co
         plans += [] if outcome.solution is None else [course]
         proofs += [] if outcome.certificate is None else [outcome.certificate]
         if outcome.certificate is not None:
-            assert check_certificate(course, outcome.certificate).accepted
+            assert check_certificate(outcome.certificate.of(course)).accepted
     assert min(len(plans), len(proofs)) > 1
     for course in plans:
-        assert not any(check_certificate(course, proof).accepted for proof in proofs)
+        assert not any(check_certificate(proof.of(course)).accepted for proof in proofs)
 
 
 def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Course:
@@ -324,8 +324,8 @@ def test_the_yaw_that_carries_is_chosen_and_where_none_does_there_is_a_proof(mak
     course = beam_course(0.12)
     outcome = make().solve(course)
     assert outcome.status is Status.INFEASIBLE
-    assert check_certificate(course, outcome.certificate).accepted
-    assert not check_certificate(beam_course(0.08), outcome.certificate).accepted
+    assert check_certificate(outcome.certificate.of(course)).accepted
+    assert not check_certificate(outcome.certificate.of(beam_course(0.08))).accepted
 
 
 def test_decoupled_plans_with_soles_or_says_that_it_cannot():

@@ -52,7 +52,7 @@ def test_a_status_is_always_one_that_the_verifier_confirms_whatever_the_projecti
             assert outcome.solution.provenance["projection"] == projection
             assert full.status is not Status.INFEASIBLE
         elif outcome.status is Status.INFEASIBLE:
-            assert check_certificate(course, outcome.certificate).accepted
+            assert check_certificate(outcome.certificate.of(course)).accepted
             assert full.status is not Status.FEASIBLE
         else:
             assert outcome.solution is outcome.certificate is None
@@ -81,7 +81,7 @@ def test_decided_by_cuts_alone_courses_have_the_verdict_of_the_planner(climb, ro
         outcome = planner.solve(course)
         assert (found is not None) == (outcome.status is Status.FEASIBLE)
         if proof is not None:
-            assert check_certificate(course, proof).accepted
+            assert check_certificate(proof.of(course)).accepted
         if found is not None:
             lift = solve_lift(programs, Scaled.of(course), least_moment=False)
             assert cost(Scaled.of(course), found[1]) >= lift.bound * (1.0 - 1e-6)

@@ -73,7 +73,7 @@ def test_a_slope_above_the_friction_angle_is_proved_to_have_no_plan(seed, planne
     course = read_course(f"slopes:{(np.arctan(friction) + 0.02) / 0.8:.6f}:{seed}")
     outcome = planner.solve(course)
     assert outcome.status is Status.INFEASIBLE
-    assert check_certificate(course, outcome.certificate).accepted
+    assert check_certificate(outcome.certificate.of(course)).accepted
 
 
 def test_a_gap_wider_than_a_shoulder_and_its_legs_reach_has_no_footing():

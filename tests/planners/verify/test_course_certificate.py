@@ -53,7 +53,7 @@ def test_friction_decides_on_two_walls_and_every_no_is_proved(slippery):
         course, outcome = slippery(friction)
         said[friction] = outcome.status
         if outcome.status is Status.INFEASIBLE:
-            proof = check_certificate(course, outcome.certificate)
+            proof = check_certificate(outcome.certificate.of(course))
             assert proof.accepted
             assert proof.figures["leaves"] == 1
             assert proof.message == outcome.message
@@ -65,9 +65,9 @@ def test_the_same_proof_says_nothing_of_a_course_with_more_friction_or_reach(sli
     course, outcome = slippery(0.45)
     for friction in (0.6, 0.9):
         assert slippery(friction)[1].status is Status.FEASIBLE
-        assert not check_certificate(slippery(friction)[0], outcome.certificate).accepted
+        assert not check_certificate(outcome.certificate.of(slippery(friction)[0])).accepted
     stronger = replace(course, force_max=3.0 * course.force_max, force_min=3.0 * course.force_min)
-    assert not check_certificate(stronger, outcome.certificate).accepted
+    assert not check_certificate(outcome.certificate.of(stronger)).accepted
 
 
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-3, 1e3), few=st.booleans())
@@ -77,7 +77,7 @@ def test_no_multipliers_refute_a_course_that_has_a_plan(walk, seed, size, few):
     row = size * rng.normal(size=count_of(course))
     if few:
         row *= rng.random(row.size) < 0.05
-    proof = check_certificate(course, leaf(row))
+    proof = check_certificate(leaf(row).of(course))
     assert not proof.accepted
     assert proof.message.startswith("rejected: leaf 0 of 1 proves a residual of 0, expected above 0")
 
@@ -92,7 +92,7 @@ def test_a_proof_is_a_ray_any_length_will_do_and_small_errors_do_no_harm(slipper
     first = sum(int(np.prod(shape)) for name, shape in shapes.items() if name != "toe_step")
     at = slice(first - (course.frames - 1), first)
     moved[at] = np.maximum(moved[at], 0.0)  # of progress: an inequality
-    assert check_certificate(course, leaf(moved)).accepted
+    assert check_certificate(leaf(moved).of(course)).accepted
 
 
 def test_multipliers_of_progress_have_a_sign(slippery):
@@ -102,7 +102,7 @@ def test_multipliers_of_progress_have_a_sign(slippery):
     before = sum(int(np.prod(shapes[name])) for name in names[: names.index("progress")])
     row = outcome.certificate.multipliers[0].copy()
     row[before] = -1e-6
-    assert not check_certificate(course, leaf(row)).accepted
+    assert not check_certificate(leaf(row).of(course)).accepted
 
 
 def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasible_ones():
@@ -127,8 +127,8 @@ def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasib
             proofs.append((course, outcome.certificate))
     assert len(proofs) > 3
     assert len(feasible) > 3
-    assert all(check_certificate(course, proof).accepted for course, proof in proofs)
-    assert not any(check_certificate(course, proof).accepted for course in feasible for _, proof in proofs)
+    assert all(check_certificate(proof.of(course)).accepted for course, proof in proofs)
+    assert not any(check_certificate(proof.of(course)).accepted for course in feasible for _, proof in proofs)
 
 
 def test_a_tree_must_cover_every_choice(slippery):
@@ -137,7 +137,7 @@ def test_a_tree_must_cover_every_choice(slippery):
     row = outcome.certificate.multipliers[0]
     both = np.array([row, row])
     good = Certificate(tree=np.array([(1, 0, 1, 0, 0), LEAF, LEAF]), multipliers=both)
-    assert check_certificate(course, good).accepted
+    assert check_certificate(good.of(course)).accepted
     faults = {
         "tree: expected 1 more nodes": ([(1, 0, 1, 0, 0), LEAF], both[:1]),
         "expected the end of the tree": ([LEAF, LEAF], both),
@@ -150,7 +150,7 @@ def test_a_tree_must_cover_every_choice(slippery):
         "expected finite numbers": ([LEAF], np.full_like(both[:1], np.nan)),
     }
     for message, (tree, rows) in faults.items():
-        proof = check_certificate(course, Certificate(tree=np.array(tree), multipliers=rows))
+        proof = check_certificate(Certificate(tree=np.array(tree), multipliers=rows).of(course))
         assert not proof.accepted
         assert message in proof.message
 
@@ -163,13 +163,13 @@ def test_a_leaf_must_refute_all_candidates_that_are_open_there(slippery):
         for put in course.footholds
     )
     mixed = replace(course, footholds=better)
-    assert not check_certificate(mixed, leaf(row)).accepted
+    assert not check_certificate(leaf(row).of(mixed)).accepted
     chain, rows = [(1, p, 0, 0, 0) for p in range(len(better))], [row] * len(better)
     # Only where every foothold takes its first candidate does the row prove anything; the other leaves do not.
     tree = [*chain, *[LEAF] * (len(chain) + 1)]
-    proof = check_certificate(mixed, Certificate(tree=np.array(tree), multipliers=np.array([*rows, row])))
+    proof = check_certificate(Certificate(tree=np.array(tree), multipliers=np.array([*rows, row])).of(mixed))
     assert not proof.accepted
-    assert check_certificate(mixed.with_choice([0] * len(better)), leaf(row)).accepted
+    assert check_certificate(leaf(row).of(mixed.with_choice([0] * len(better)))).accepted
 
 
 def test_moves_are_those_of_the_schedule(walk):

@@ -76,4 +76,4 @@ def test_no_proof_is_one_of_a_problem_that_has_a_posture() -> None:
     assert stances.has_witness(posture()[0])
     for name, forge in proofs().items():
         problem, forged = forge(3.0, np.random.default_rng(3))
-        assert not check_certificate(problem, forged).accepted, name
+        assert not check_certificate(forged.of(problem)).accepted, name

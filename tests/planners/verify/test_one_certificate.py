@@ -89,7 +89,7 @@ def random_tree(rng, course, depth=4):
 
 def test_a_posture_and_its_course_of_one_frame_have_one_bound(refuted):
     for problem, proof in refuted:
-        alone, course = check_certificate(problem, proof), check_certificate(as_course(problem), proof)
+        alone, course = check_certificate(proof.of(problem)), check_certificate(proof.of(as_course(problem)))
         assert alone.accepted
         assert course.accepted
         assert course.figures["lower_bound"] == pytest.approx(alone.figures["lower_bound"], rel=1e-12)
@@ -126,7 +126,7 @@ def test_no_tree_refutes_a_course_that_has_a_plan(walk, seed):
     tree, leaves = random_tree(rng, course)
     count = multiplier_count(Schedule.of_course(course))
     rows = rng.normal(size=(leaves, count)) * (rng.random((leaves, count)) < rng.choice([0.02, 0.3, 1.0]))
-    report = check_certificate(course, Certificate(tree=tree, multipliers=rows))
+    report = check_certificate(Certificate(tree=tree, multipliers=rows).of(course))
     assert report.figures["leaves"] == leaves
     assert not report.accepted
 
@@ -143,27 +143,26 @@ def test_no_foreign_certificate_is_accepted_where_there_is_an_answer(refuted):
             for p in proofs
             for s in (0.0, 0.05, 0.5)
         ]
-        assert not np.any(check_certificates([problem] * len(noisy), noisy))
+        assert not np.any(check_certificates([proof.of(problem) for proof in noisy]))
         looked += len(noisy)
 
 
 def test_many_certificates_at_once_prove_what_each_proves_alone(refuted):
-    problems, proofs = (list(column) for column in zip(*refuted, strict=True))
-    problems.append(problems[0])
-    proofs.append(Certificate(tree=[LEAF, LEAF], multipliers=proofs[0].multipliers))
-    alone = [check_certificate(*pair).figures["lower_bound"] for pair in zip(problems, proofs, strict=True)]
-    assert check_certificates(problems, proofs) == pytest.approx(alone, rel=1e-12)
+    proofs = [proof.of(problem) for problem, proof in refuted]
+    proofs.append(Certificate(tree=[LEAF, LEAF], multipliers=proofs[0].multipliers, problem=proofs[0].problem))
+    alone = [check_certificate(proof).figures["lower_bound"] for proof in proofs]
+    assert check_certificates(proofs) == pytest.approx(alone, rel=1e-12)
     assert alone[-1] == 0.0
-    assert check_certificates([], []).shape == (0,)
+    assert check_certificates([]).shape == (0,)
 
 
 def test_a_leaf_without_a_candidate_needs_no_proof(refuted):
     problem, proof = next(pair for pair in refuted if len(pair[1].multipliers) == 1)
     rows = np.vstack([proof.multipliers, np.zeros_like(proof.multipliers)])
-    report = check_certificate(problem, Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows))
-    assert report.figures["lower_bound"] == check_certificate(problem, proof).figures["lower_bound"]
+    report = check_certificate(Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows).of(problem))
+    assert report.figures["lower_bound"] == check_certificate(proof.of(problem)).figures["lower_bound"]
     swapped = Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows[::-1])
-    assert not check_certificate(problem, swapped).accepted
+    assert not check_certificate(swapped.of(problem)).accepted
 
 
 def test_older_forms_are_read_as_what_they_meant():
@@ -185,19 +184,19 @@ def test_a_kind_that_the_older_form_had_not_stays_malformed(refuted):
     read = Certificate.from_arrays(
         np.array([[3.0, 0, 0, 0.5], [0] * 4, [0] * 4]), np.repeat(proof.multipliers[:1], 2, 0)
     )
-    assert not check_certificate(problem, read).accepted
+    assert not check_certificate(read.of(problem)).accepted
 
 
 def test_the_proof_of_a_posture_is_a_file_like_that_of_a_course(refuted, tmp_path):
     problem, proof = refuted[0]
-    write_proof(tmp_path / "proof.json", problem, proof)
+    write_proof(tmp_path / "proof.json", proof.of(problem))
     again, certificate = read_proof(tmp_path / "proof.json")
     assert again.to_json() == problem.to_json()
     np.testing.assert_array_equal(certificate.multipliers, proof.multipliers)
     check = check_proof_file(tmp_path / "proof.json")
     assert check.accepted
     assert check.to_json()["kind"] == "no-posture"
-    assert check.message == f"posture on {', '.join(problem.legs)}: {explain(problem, proof).message}"
+    assert check.message == f"posture on {', '.join(problem.legs)}: {explain(proof.of(problem)).message}"
     data = json.loads((tmp_path / "proof.json").read_text())
     loose = data["subject"] | {"com_radius_m": 5.0}
     loose["contacts"] = [contact | {"reach_m": 9.0, "friction": 2.0} for contact in loose["contacts"]]
@@ -211,6 +210,6 @@ def test_a_piece_of_hundreds_of_cuts_is_refused_since_their_roundings_add_up(ref
     depth = 201
     tree = [(2, 0, 0, 0.5, 1.0)] * depth + [LEAF] * (depth + 1)  # the first child is cut again
     rows = np.zeros((depth + 1, 6 + 3 * len(problem.contacts)))
-    report = check_certificate(problem, Certificate(tree=np.array(tree, dtype=float), multipliers=rows))
+    report = check_certificate(Certificate(tree=np.array(tree, dtype=float), multipliers=rows).of(problem))
     assert not report.accepted
     assert report.message == "rejected: tree[200]: expected a piece of 200 cuts or fewer, got one more"

@@ -354,13 +354,13 @@ def certificate(*, force=(0, 0, 0), moment=(0, 0, 0), reach=((0, 0, 0),), tree=L
 
 def test_a_frictionless_wall_holds_no_weight_and_friction_is_what_is_missing():
     proof = certificate(force=(0, 0, -1))  # the weight less what the wall carries
-    report = check_certificate(problem_of(wall("LM", 1, friction=0.0)), proof)
+    report = check_certificate(proof.of(problem_of(wall("LM", 1, friction=0.0))))
     assert report.accepted
     assert report.figures["lower_bound"] == np.inf
     assert report.message == "refuted at all leaves (1), even without the balance of moments"
     assert json.loads(json.dumps(report.to_json(), allow_nan=False))["lower_bound"] is None
-    assert not check_certificate(problem_of(wall("LM", 1, friction=1.2)), proof).accepted
-    needs = explain(problem_of(wall("LM", 1, friction=0.5)), proof)
+    assert not check_certificate(proof.of(problem_of(wall("LM", 1, friction=1.2)))).accepted
+    needs = explain(proof.of(problem_of(wall("LM", 1, friction=0.5))))
     assert [(r.parameter, r.leg) for r in needs.relaxations[:2]] == [("friction", "LM"), ("force_max", "LM")]
     assert needs.relaxations[0].needed == pytest.approx(1.0, rel=1e-4)  # μ · 1 · m g = m g
     assert needs.relaxations[0].relative == pytest.approx(1.0, rel=1e-4)
@@ -375,12 +375,12 @@ def test_a_frictionless_wall_holds_no_weight_and_friction_is_what_is_missing():
 def test_a_patch_out_of_reach_needs_the_missing_length_of_reach_or_com():
     problem = problem_of(wall("LM", 1, y=0.7))  # the shoulder comes to 0.18 + 0.08 (COM): 0.09 m are missing
     proof = certificate(reach=[(0, 1, 0)])
-    assert check_certificate(problem, proof).figures["lower_bound"] == np.inf
-    needed = {r.parameter: r.needed for r in explain(problem, proof).relaxations}
+    assert check_certificate(proof.of(problem)).figures["lower_bound"] == np.inf
+    needed = {r.parameter: r.needed for r in explain(proof.of(problem)).relaxations}
     assert needed["reach"] == pytest.approx(0.44, abs=1e-5)
     assert needed["com_radius"] == pytest.approx(0.17, abs=1e-5)
     assert needed["friction"] == needed["force_max"] == np.inf
-    tilted = explain(problem_of(wall("LM", 1, y=0.63)), certificate(reach=[(0.1, 0.995, 0)]))
+    tilted = explain(certificate(reach=[(0.1, 0.995, 0)]).of(problem_of(wall("LM", 1, y=0.63))))
     assert {r.parameter for r in tilted.relaxations if np.isfinite(r.needed)} == {"reach", "com_radius", "tilt_limit"}
 
 
@@ -388,13 +388,13 @@ def test_a_foot_beside_the_com_leaves_the_moment_of_its_distance():
     """q_x ≥ d − h, c_x ≤ R: the moment about y is (d − h − R) m g at least."""
     problem = problem_of(ground(centre=(0.25, 0, -0.2)))
     proof = certificate(force=(-0.2 / 0.6, 0, -0.2 / 0.6), moment=(0, -1, 0))
-    report = check_certificate(problem, proof)
+    report = check_certificate(proof.of(problem))
     assert report.figures["lower_bound"] == pytest.approx((0.25 - 0.05 - 0.08) / 0.6, rel=1e-9)
     assert report.message == "refuted at all leaves (1): 11.8 Nm of moment or more are left over"
-    refused = check_certificate(problem, proof, tolerance=0.21)
+    refused = check_certificate(proof.of(problem), tolerance=0.21)
     assert not refused.accepted
     assert refused.message == "rejected: leaf 0 of 1 proves a residual of 0.2, expected above 0.21"
-    needs = explain(problem, proof)
+    needs = explain(proof.of(problem))
     assert needs.relaxations[0].parameter == "com_radius"
     assert needs.relaxations[0].needed == pytest.approx(0.2 - 1e-4 * 0.6, abs=1e-5)
 
@@ -402,7 +402,7 @@ def test_a_foot_beside_the_com_leaves_the_moment_of_its_distance():
 def test_a_leaf_whose_force_box_misses_the_cone_is_empty():
     problem = problem_of(ground(friction=0.5, most=1.0))
     tree = [[3, 0, 0, 0.3, 0], [3, 0, 1, 0.2, 0], *LEAF, *LEAF, *LEAF]
-    report = check_certificate(problem, certificate(tree=tree, leaves=3))
+    report = check_certificate(certificate(tree=tree, leaves=3).of(problem))
     assert report.figures["lower_bound"] == 0.0
     assert report.figures["weakest"] == 0  # leaf 1, f_n ≤ 0.3 and f_y ≥ 0.2, holds no force of the cone: bound inf
     assert not report.accepted
@@ -413,7 +413,7 @@ def test_a_leaf_is_called_empty_just_where_no_force_is_in_box_and_cone():
     for _, lower, upper, friction in zip(*random_forces(np.random.default_rng(6), 400), strict=True):
         contact = replace(ground(friction=friction), force_min=lower, force_max=upper)
         empty = least_work_by_search(np.ones(3), lower, upper, friction) is None
-        assert (check_certificate(problem_of(contact), nothing).figures["lower_bound"] == np.inf) is empty
+        assert (check_certificate(nothing.of(problem_of(contact))).figures["lower_bound"] == np.inf) is empty
         seen[empty] += 1
     assert min(seen.values()) > 100
 
@@ -459,18 +459,18 @@ def refuted():
 
 def test_the_certified_bound_is_the_relaxations_optimum(refuted):
     for problem, proof, value in refuted:
-        report = check_certificate(problem, proof)
+        report = check_certificate(proof.of(problem))
         assert report.accepted
         assert value - 1e-6 < report.figures["lower_bound"] < value + 1e-6
 
 
 def test_multipliers_may_have_any_length(refuted):
     problem, proof, _ = refuted[0]
-    bound = check_certificate(problem, proof).figures["lower_bound"]
+    bound = check_certificate(proof.of(problem)).figures["lower_bound"]
     for factor in (1e-200, 3.0, 1e200):
         scaled = Certificate(tree=proof.tree, multipliers=factor * proof.multipliers)
-        assert check_certificate(problem, scaled).figures["lower_bound"] == pytest.approx(bound, rel=1e-9)
-    assert not check_certificate(problem, Certificate(tree=LEAF, multipliers=0 * proof.multipliers)).accepted
+        assert check_certificate(scaled.of(problem)).figures["lower_bound"] == pytest.approx(bound, rel=1e-9)
+    assert not check_certificate(Certificate(tree=LEAF, multipliers=0 * proof.multipliers).of(problem)).accepted
 
 
 def random_tree(rng, problem, depth=4):
@@ -509,23 +509,23 @@ def test_splitting_a_leaf_never_weakens_its_bound(refuted):
         for _ in range(5):
             tree, leaves = random_tree(rng, problem)
             split = Certificate(tree=tree, multipliers=np.tile(proof.multipliers, (leaves, 1)))
-            report = check_certificate(problem, split)
+            report = check_certificate(split.of(problem))
             assert report.figures["leaves"] == leaves
-            assert report.figures["lower_bound"] >= check_certificate(problem, proof).figures["lower_bound"] - 1e-9
+            assert report.figures["lower_bound"] >= check_certificate(proof.of(problem)).figures["lower_bound"] - 1e-9
             assert value > 0
 
 
 def test_the_explained_values_are_where_the_certificate_stops_refuting_the_changed_problem(refuted):
     problem, proof, _ = refuted[0]
     looked = 0
-    for relaxation in explain(problem, proof).relaxations:
+    for relaxation in explain(proof.of(problem)).relaxations:
         if np.isfinite(relaxation.needed):
             looked += 1
             grown = relaxation.needed - relaxation.now
-            assert check_certificate(changed(problem, relaxation, 0.999 * grown), proof).accepted
-            assert not check_certificate(changed(problem, relaxation, 1.001 * grown), proof).accepted
+            assert check_certificate(proof.of(changed(problem, relaxation, 0.999 * grown))).accepted
+            assert not check_certificate(proof.of(changed(problem, relaxation, 1.001 * grown))).accepted
     assert looked >= 3
-    costs = [r.relative for r in explain(problem, proof).relaxations]
+    costs = [r.relative for r in explain(proof.of(problem)).relaxations]
     assert costs == sorted(costs)
 
 
@@ -598,14 +598,14 @@ def test_no_certificate_refutes_a_problem_that_has_a_posture(refuted):
         for share in (0.4, 0.3, 0.2):
             value, proof = lift_certificate(slipperier(problem, share))
             if proof is not None and value > 1e-3:
-                accepted_elsewhere += check_certificate(slipperier(problem, share), proof).accepted
-                assert check_certificate(problem, proof).figures["lower_bound"] == 0.0
+                accepted_elsewhere += check_certificate(proof.of(slipperier(problem, share))).accepted
+                assert check_certificate(proof.of(problem)).figures["lower_bound"] == 0.0
         proofs = [p.multipliers[0] for _, p, _ in refuted if p.multipliers.shape[1] == 6 + 3 * len(problem.contacts)]
         for _ in range(30):
             tree, leaves = random_tree(rng, problem)
             rows = [row + rng.normal(0, rng.choice([0.1, 1]), row.shape) for row in rng.choice(proofs, leaves)]
             sparse = np.array(rows) * rng.choice([0, 1, 1], size=(leaves, 1))
-            report = check_certificate(problem, Certificate(tree=tree, multipliers=sparse))
+            report = check_certificate(Certificate(tree=tree, multipliers=sparse).of(problem))
             assert report.figures["leaves"] == leaves
             assert report.figures["lower_bound"] == 0.0
     assert accepted_elsewhere >= 5
@@ -620,7 +620,7 @@ def test_no_problem_has_both_an_accepted_posture_and_an_accepted_certificate(sho
     else:
         problem = problem_of(wall("LM", 1, friction=0.5 - short), wall("RM", -1, friction=0.5 - short), radius=0.0)
         posture, proof = bracing(WEIGHT_N), certificate(force=(0, 0, -1), reach=np.zeros((2, 3)))
-    found, refuted = check_posture(problem, posture).accepted, check_certificate(problem, proof).accepted
+    found, refuted = check_posture(problem, posture).accepted, check_certificate(proof.of(problem)).accepted
     assert not (found and refuted)
     assert found == (short <= 1e-6) or abs(short - 1e-6) < 1e-12
 
@@ -628,7 +628,7 @@ def test_no_problem_has_both_an_accepted_posture_and_an_accepted_certificate(sho
 def test_a_clear_miss_is_refuted_where_a_hairs_breadth_is_not():
     for short, expected in ((1e-7, False), (1e-4, True)):
         problem = problem_of(ground(half=0.01, reach=0.2 - 0.6 * short), radius=0.0, tilt_limit_rad=0.0)
-        assert check_certificate(problem, certificate(reach=[(0, 0, -1)])).accepted is expected
+        assert check_certificate(certificate(reach=[(0, 0, -1)]).of(problem)).accepted is expected
 
 
 @pytest.mark.parametrize(
@@ -668,11 +668,11 @@ def test_a_clear_miss_is_refuted_where_a_hairs_breadth_is_not():
 )
 def test_a_malformed_tree_is_rejected_with_its_reason(tree, rows, message):
     proof = Certificate(tree=tree, multipliers=np.tile([0, 0, -1.0, 0, 0, 0, 0, 0, 0], (rows, 1)))
-    report = check_certificate(problem_of(ground(friction=0.0)), proof)
+    report = check_certificate(proof.of(problem_of(ground(friction=0.0))))
     assert not report.accepted
     assert report.message.startswith("rejected: ")
     assert message in report.message
-    needs = explain(problem_of(ground()), proof)
+    needs = explain(proof.of(problem_of(ground())))
     assert needs.relaxations == ()
     assert needs.message.startswith("nothing to explain: rejected: ")
 
@@ -681,14 +681,14 @@ def test_a_malformed_tree_is_rejected_with_its_reason(tree, rows, message):
 def test_malformed_multipliers_are_rejected(bad):
     row = np.array([[0, 0, -1.0, 0, 0, 0, 0, 0, 0]])
     rows = {"columns": row[:, :8], "flat": row[0]}.get(bad) if isinstance(bad, str) else np.where(row == -1, bad, row)
-    report = check_certificate(problem_of(ground(friction=0.0)), Certificate(tree=LEAF, multipliers=rows))
+    report = check_certificate(Certificate(tree=LEAF, multipliers=rows).of(problem_of(ground(friction=0.0))))
     assert not report.accepted
     assert report.message.startswith("rejected: certificate: expected")
 
 
 @pytest.mark.parametrize("tolerance", [float("nan"), -1.0, 0.0])
 def test_no_tolerance_lets_a_proof_of_nothing_pass(tolerance):
-    assert not check_certificate(problem_of(ground()), certificate(force=(0, 0, 1)), tolerance=tolerance).accepted
+    assert not check_certificate(certificate(force=(0, 0, 1)).of(problem_of(ground())), tolerance=tolerance).accepted
 
 
 # ------------------------------------------------------------------------------------------------------- cover
@@ -744,7 +744,7 @@ def test_a_bent_patch_is_not_refuted_in_the_gap_between_its_pieces(seed):
     contact = replace(ground(reach=1e-6), patch=patch)
     problem = problem_of(contact, com=toe, radius=0.0, tilt_limit_rad=0.0)
     proof = Certificate(tree=[[2, 0, 0, 0, 2], *LEAF, *LEAF], multipliers=rows)
-    assert not check_certificate(problem, proof).accepted
+    assert not check_certificate(proof.of(problem)).accepted
 
 
 def test_the_sag_covers_the_notch_of_a_corner_that_points_inwards():
