@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.planners.equilibrium.gather import Of
 from stancekit.planners.equilibrium.rows import Rows
-from stancekit.planners.files.arrays import Array, check_numbers, cross, read_only
+from stancekit.planners.files.arrays import Array, check_numbers, read_only
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.urdf_reader import pinocchio
-from stancekit.planners.terrain.patch import contact_frames
 
 EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
@@ -95,10 +95,8 @@ class BodyController:
         """
         if not stands.any():
             return planned_n
-        normals = sample.normals[stands]
-        frames = contact_frames(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-        whole = cross(sample.feet_m - sample.com_m, sample.forces_n).sum(axis=0)
-        wanted = WEIGHTS * (wrench + np.concatenate([sample.forces_n.sum(axis=0), whole])) / self._weight
+        frames = sample.frames[stands]
+        wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
         maps = np.concatenate([frames, TURNING * skew(arms_m[stands]) @ frames], axis=1)
         planned = np.einsum("nik,ni->nk", frames, planned_n[stands])
         asked = _Asked(
@@ -113,9 +111,7 @@ class BodyController:
 
     def _friction(self, sample: Samples) -> Array:
         """The part of μ that the forces of every foot may use, shape (N,)."""
-        along = np.einsum("ij,ij->i", sample.forces_n, sample.normals)
-        across = np.linalg.norm(sample.forces_n - along[:, None] * sample.normals, axis=1)
-        used = across / np.maximum(along, self._feedback.least_share * self._weight)
+        used = sample.across_n / np.maximum(sample.along_n, self._feedback.least_share * self._weight)
         share, most = self._feedback.cone_share * sample.friction, PLANNED * sample.friction
         return np.asarray(np.maximum(share, np.minimum(used, most)))
 
@@ -126,16 +122,16 @@ class BodyController:
             forces, lacks = rows.variable("forces", count, 3), rows.variable("lacks", 6)
             balance, least = rows.equal("balance", 6), rows.at_most("least", count)
             cone = rows.cones("cone", count, 3)
-            rows.put(balance[:, None], forces.reshape(1, -1), lambda d: d.arms)
+            rows.put(balance[:, None], forces.reshape(1, -1), Of("arms"))
             rows.put(balance, lacks, 1.0)
-            rows.right(balance, lambda d: d.wanted)
+            rows.right(balance, Of("wanted"))
             rows.put(least, forces[:, 0], -1.0)
             rows.right(least, -self._feedback.least_share)
-            rows.put(cone[:, 0], forces[:, 0], lambda d: -d.friction)
+            rows.put(cone[:, 0], forces[:, 0], -Of("friction"))
             rows.put(cone[:, 1:], forces[:, 1:], -1.0)
             rows.square(lacks, None, 1.0)
             rows.square(forces, None, EVEN)
-            rows.linear(forces, lambda d: -2.0 * EVEN * d.planned)
+            rows.linear(forces, -2.0 * EVEN * Of("planned"))
         return self._rows[count]
 
     def _inside(self, force: Array, friction: Array) -> Array:

@@ -45,8 +45,8 @@ smoothed; while it stands, from the second on no pace is slow enough, and all po
 
 
 class RedundancyResolution:
-    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` a time: shape (J,) [rad].
-    path_rad: at the motion's knots, shape (T, J)."""
+    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` times of shape (…,) it is
+    of shape (…, J) [rad]. path_rad: at the motion's knots, shape (T, J)."""
 
     def __init__(self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None) -> None:
         times = motion.knots_s
@@ -84,9 +84,9 @@ class RedundancyResolution:
         found._set(times_s, self.path_rad)
         return found
 
-    def at(self, time_s: float) -> Array:
+    def at(self, times_s: float | Array) -> Array:
         """The ends are held."""
-        return np.asarray(self._angles(min(max(time_s, 0.0), self._end)))
+        return np.asarray(self._angles(np.minimum(np.maximum(times_s, 0.0), self._end)))
 
 
 class Continued(Kinematics):
