@@ -75,6 +75,7 @@ class BodyController:
         self._mass, self._inertia, self._weight, self._feedback = mass_kg, inertia_kgm2, weight_n, feedback
         self._rows: dict[int, Rows[_Asked]] = {}
         self._log = pinocchio().log3
+        self._asked: tuple[tuple[bytes, ...], Array] = (), np.zeros((0, 3))
 
     def wrench(self, wanted: BodyPose, found: BodyPose) -> Array:
         """Force [N] and moment [Nm] on the body in the world, shape (6,)."""
@@ -84,6 +85,14 @@ class BodyController:
         away = self._log(wanted.rotation @ turn.T)
         moment = turn @ self._inertia @ turn.T @ (gains.rotation_s2 * away + gains.turn_s * late[3:])
         return np.concatenate([self._mass * force, moment])
+
+    def planned(self, sample: Samples, stands: NDArray[np.bool_]) -> Array:
+        """``forces`` of a body that is where it should be, over feet that are; they stay while what is planned does."""
+        parts = sample.forces_n, sample.wrench, sample.arms_m[stands], sample.frames[stands], sample.friction
+        key = (stands.tobytes(), *(part.tobytes() for part in parts))
+        if key != self._asked[0]:
+            self._asked = key, self.forces(np.zeros(6), sample, sample.arms_m, sample.forces_n, stands)
+        return self._asked[1]
 
     def forces(
         self, wrench: Array, sample: Samples, arms_m: Array, planned_n: Array, stands: NDArray[np.bool_]

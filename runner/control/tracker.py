@@ -11,6 +11,7 @@ body where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -99,6 +100,7 @@ class Tracker:
         wished = wished or resolved(motion, kinematics)
         self._coming = Coming(motion, wished, self._period_s)
         self._time_s, self._swing = 0.0, SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s)
+        self._whole = b"", np.zeros((0, 0))
         self._pressed, self._rolled = np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 0.0
         first, self._wish = self._coming.at(0.0)
@@ -167,18 +169,24 @@ class Tracker:
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
             return
-        arms = sample.arms_m
-        turning = skew(arms).transpose(1, 0, 2).reshape(3, -1)
-        whole = np.concatenate([np.tile(np.eye(3), len(arms)), turning]) * np.repeat(stands, 3)
-        moving = np.linalg.pinv(whole) @ whole
+        moving = self._moving(sample.arms_m, stands)
         if self._found is not None and hangs.any():  # what is outside the cones would be summed up for ever
-            wanted = self._body.forces(np.zeros(6), sample, arms, wanted, stands)
+            wanted = self._body.planned(sample, stands)
         gap = np.where(hangs[:, None], wanted - forces_n, 0.0).ravel()
         pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
         pressed = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
-        most = float(np.linalg.norm(pressed, axis=1).max())
+        most = sqrt(float((pressed * pressed).sum(axis=1).max()))
         self._pressed = pressed * min(1.0, self._feedback.press_n / max(most, 1e-9))
+
+    def _moving(self, arms: Array, stands: NDArray[np.bool_]) -> Array:
+        """The projection of forces of all feet onto those that move or turn the body as a whole, shape (3N, 3N); it
+        stays while body and standing feet do."""
+        if (key := arms[stands].tobytes() + stands.tobytes()) != self._whole[0]:
+            turning = skew(arms).transpose(1, 0, 2).reshape(3, -1)
+            whole = np.concatenate([np.tile(np.eye(3), len(arms)), turning]) * np.repeat(stands, 3)
+            self._whole = key, np.linalg.pinv(whole) @ whole
+        return self._whole[1]
 
     def _target(self, sample: Samples, wish: Array) -> Target:
         angles, error, origin = self._solved(sample, wish)
