@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..cached import cached_property
-from ..files.arrays import Array, cross, read_only
+from ..files.arrays import Array, cross, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
@@ -29,6 +29,7 @@ from .urdf_reader import at_rest, pinocchio
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
 DAMPING, STEPS, LONGEST_STEP_RAD = 1e-4, 60, 0.3
+_DAMPING = DAMPING * np.eye(3)
 DRAWN_AT = 0.2
 """In pictures the roll joint of a leg that is drawn up is so far along its thigh."""
 
@@ -197,30 +198,36 @@ class Kinematics:
         feet: centres in the base's frame, shape (N, 3) [m]. Returns angles, shape (J,), and errors, shape (N,) [m].
         """
         lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
-        start = np.clip(start, lower, upper)
+        start = np.minimum(np.maximum(start, lower), upper)
         pull, angles, gap = 0.5, start, feet - self._placed(start)
-        before = np.linalg.norm(gap, axis=1)
+        before = lengths(gap)
         for _ in range(STEPS):
-            if np.max(np.abs(gap)) < EXACT_M:
+            if (farthest := abs(gap).max()) < EXACT_M:
                 break
             jacobian, drawn = self._jacobian(), pull * (wished - angles)
             pull *= 0.7
-            step = self._step(jacobian, gap, drawn)
+            step = self._step(jacobian, gap, drawn, farthest)
             held = ((angles <= lower) & (step < 0.0)) | ((angles >= upper) & (step > 0.0))
             if held.any():
-                step = self._step(self.by_leg(~held)[:, None] * jacobian, gap, np.where(held, 0.0, drawn))
-            angles = np.clip(angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD), lower, upper)
+                free = self.by_leg(~held)[:, None] * jacobian
+                step = self._step(free, gap, np.where(held, 0.0, drawn), farthest)
+            step = np.minimum(np.maximum(step, -LONGEST_STEP_RAD), LONGEST_STEP_RAD)
+            angles = np.minimum(np.maximum(angles + step, lower), upper)
             gap = feet - self._placed(angles)
-        error = np.linalg.norm(gap, axis=1)
+        error = lengths(gap)
         better = error <= np.maximum(before, EXACT_M)
         return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
 
-    def _step(self, jacobian: Array, gap: Array, drawn: Array) -> Array:
-        """Of the joints, that brings feet this far and draws joints so far where it does not move them, shape (J,)."""
-        damped = jacobian @ jacobian.transpose(0, 2, 1) + DAMPING * np.eye(3) * np.max(np.abs(gap))
-        inverse = jacobian.transpose(0, 2, 1) @ np.linalg.inv(damped)
+    def _step(self, jacobian: Array, gap: Array, drawn: Array, farthest: float) -> Array:
+        """Of the joints, that brings feet this far and draws joints so far where it does not move them, shape (J,).
+
+        farthest: the largest entry of the gap [m].
+        """
+        transposed = jacobian.transpose(0, 2, 1)
+        inverse = transposed @ np.linalg.inv(jacobian @ transposed + _DAMPING * farthest)
         along = self.by_leg(drawn)[:, :, None]
-        return np.asarray((inverse @ (gap[:, :, None] - jacobian @ along) + along)[self.legs, self._nth, 0])
+        found = inverse @ (gap[:, :, None] - jacobian @ along) + along
+        return np.asarray(found.reshape(-1) if self._even else found[self.legs, self._nth, 0])
 
     def beyond(self, angles: Array) -> Array:
         """How far joints are beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint slides]."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.equilibrium.gather import Of
 from stancekit.planners.equilibrium.rows import Rows
-from stancekit.planners.files.arrays import Array, check_numbers, read_only
+from stancekit.planners.files.arrays import Array, check_numbers, lengths, read_only
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.urdf_reader import pinocchio
 
@@ -146,9 +146,10 @@ class BodyController:
     def _inside(self, force: Array, friction: Array) -> Array:
         """What the solver left outside of the cones, and of the least force, is taken off; forces: in their frames."""
         along = np.maximum(force[:, 0], self._feedback.least_share * self._weight)
-        size = np.maximum(np.linalg.norm(force[:, 1:], axis=1), 1e-9)
-        share = np.minimum(1.0, friction * along / size)
-        return np.concatenate([along[:, None], share[:, None] * force[:, 1:]], axis=1)
+        share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
+        found = np.empty_like(force)
+        found[:, 0], found[:, 1:] = along, share[:, None] * force[:, 1:]
+        return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
