@@ -72,6 +72,7 @@ class Kinematics:
         ]  # fmt: skip
         self._data, self._masses = self.known.createData(), self.known.createData()
         self._at = self._set = b""
+        self._down = np.array([0.0, 0.0, -gravity_m_s2])
         self._rest, rows, self.columns = self._places()
         self._q, self._centres = self._rest, np.zeros((len(own), 3))
         self._row, self._column = _slice_or(rows), _slice_or(self.columns)
@@ -294,7 +295,7 @@ class Kinematics:
 
         Returns g, shape (J,) [Nm], and levers, shape (J, 3) [m].
         """
-        self.known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
+        self.known.gravity.linear = rotation.T @ self._down
         weight = self._pin.computeGeneralizedGravity(self.known, self._masses, self._configured(angles))
         self._placed(angles)
         return np.array(weight[self._column]), self._levers() @ rotation.T

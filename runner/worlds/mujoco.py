@@ -50,10 +50,13 @@ class MujocoWorld(SimulatedWorld):
         self._touching: tuple[tuple[str, str], ...] | None = None
         self._model: Any = None
         self._data: Any = None
+        self._views: tuple[Array, ...] = ()
 
     def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         self._model = self._compiled(terrain)
         self._data = self._mujoco.MjData(self._model)
+        # its own memory, which changes with every step
+        self._views = tuple(getattr(self._data, name) for name in ("qpos", "qvel", "xmat", "xpos", "actuator_force"))
         quaternion = np.empty(4)
         self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         self._data.qpos[:7] = [*position_m, *quaternion]
@@ -64,6 +67,7 @@ class MujocoWorld(SimulatedWorld):
         self._base = self._model.body(self.body.base).id
         self._feet = np.array([self._model.body(name).id for name in self.body.feet])
         self._bodies = np.array(self._model.geom_bodyid)
+        self._rubs = bool((self._model.geom_condim == 3).all())
         self._foot = np.full(self._model.nbody, -1)
         self._foot[self._feet] = np.arange(len(self._feet))
         self._mujoco.mj_forward(self._model, self._data)
@@ -85,6 +89,7 @@ class MujocoWorld(SimulatedWorld):
     def close(self) -> None:
         """Drop the model."""
         self._model = self._data = None
+        self._views = ()
 
     def _compiled(self, terrain: Terrain) -> Any:
         spec = self._spec(self.body.apart if self._touching is None else (*self.body.apart, *self._touching))
@@ -157,11 +162,11 @@ class MujocoWorld(SimulatedWorld):
     def _contacts(self) -> tuple[NDArray[np.int_], Array]:
         """Pairs of bodies that touch, shape (K, 2), and the forces on the second, world frame, shape (K, 3) [N]."""
         contact, forces = self._data.contact, self._data.efc_force
-        rows, sizes = contact.efc_address, contact.dim
-        if (rows >= 0).all() and (sizes == 3).all():
+        rows = contact.efc_address
+        if self._rubs:
             local = forces[rows[:, None] + _AXES]
-        else:  # one that makes no row presses with nothing, one of ice along its normal alone
-            there = (rows[:, None] >= 0) & (_AXES < sizes[:, None])
+        else:  # one of ice presses along its normal alone
+            there = _AXES < contact.dim[:, None]
             local = np.zeros(there.shape)
             local[there] = forces[(rows[:, None] + _AXES)[there]]
         return self._bodies[contact.geom], (local[:, None] @ contact.frame.reshape(-1, 3, 3))[:, 0]
@@ -183,18 +188,18 @@ class MujocoWorld(SimulatedWorld):
         return forces, bump
 
     def _state(self, forces: Array, bump: float) -> State:
-        data = self._data
-        rotation = data.xmat[self._base].reshape(3, 3).copy()
-        turns = data.xmat[self._feet].reshape(-1, 3, 3)
+        data, (places, rates, turned, origins, torques) = self._data, self._views
+        rotation = turned[self._base].reshape(3, 3).copy()
+        turns = turned[self._feet].reshape(-1, 3, 3)
         return State(
             time_s=float(data.time),
-            position_m=data.qpos[:3].copy(),
+            position_m=places[:3].copy(),
             rotation=rotation,
-            velocity=np.concatenate([data.qvel[:3], rotation @ data.qvel[3:6]]),
-            angles_rad=data.qpos[self._angles],
-            rates_rad_s=data.qvel[self._rates],
-            torques_nm=data.actuator_force.copy(),
-            feet_m=data.xpos[self._feet] + (turns @ self.body.tips_m[:, :, None])[..., 0],
+            velocity=np.concatenate([rates[:3], rotation @ rates[3:6]]),
+            angles_rad=places[self._angles],
+            rates_rad_s=rates[self._rates],
+            torques_nm=torques.copy(),
+            feet_m=origins[self._feet] + (turns @ self.body.tips_m[:, :, None])[..., 0],
             forces_n=forces,
             bump_n=bump,
             sent_rad=self._sent.copy(),
