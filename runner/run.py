@@ -21,7 +21,6 @@ from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.kinematics import rotation_of
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 

@@ -124,7 +124,7 @@ class Kinematics:
         table[self.legs, self._nth] = values
         return table
 
-    def of_joints(self, values: Array) -> Array:
+    def of_joints(self, values: Array | NDArray[np.bool_]) -> Array:
         """Numbers of every leg, shape (N,), as those of its joints, shape (J,)."""
         return np.asarray(values[self.legs])
 

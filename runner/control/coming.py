@@ -1,4 +1,4 @@
-"""What a motion expects of the coming control periods: it is the same whatever is measured, and found for many at once."""
+"""What a motion expects of the coming control periods: the same whatever is measured, and found for many at once."""
 
 from __future__ import annotations
 

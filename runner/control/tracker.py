@@ -100,7 +100,7 @@ class Tracker:
         wished = wished or resolved(motion, kinematics)
         self._coming = Coming(motion, wished, self._period_s)
         self._time_s, self._swing = 0.0, SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s)
-        self._whole = b"", np.zeros((0, 0))
+        self._whole: tuple[bytes, Array] = b"", np.zeros((0, 0))
         self._pressed, self._rolled = np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 0.0
         first, self._wish = self._coming.at(0.0)
@@ -175,9 +175,9 @@ class Tracker:
         gap = np.where(hangs[:, None], wanted - forces_n, 0.0).ravel()
         pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
-        pressed = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
-        most = sqrt(float((pressed * pressed).sum(axis=1).max()))
-        self._pressed = pressed * min(1.0, self._feedback.press_n / max(most, 1e-9))
+        kept = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
+        most = sqrt(float((kept * kept).sum(axis=1).max()))
+        self._pressed = kept * min(1.0, self._feedback.press_n / max(most, 1e-9))
 
     def _moving(self, arms: Array, stands: NDArray[np.bool_]) -> Array:
         """The projection of forces of all feet onto those that move or turn the body as a whole, shape (3N, 3N); it

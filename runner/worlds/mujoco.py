@@ -166,7 +166,7 @@ class MujocoWorld(SimulatedWorld):
         if self._rubs:
             local = forces[rows[:, None] + _AXES]
         else:  # one of ice presses along its normal alone
-            there = _AXES < contact.dim[:, None]
+            there = contact.dim[:, None] > _AXES
             local = np.zeros(there.shape)
             local[there] = forces[(rows[:, None] + _AXES)[there]]
         return self._bodies[contact.geom], (local[:, None] @ contact.frame.reshape(-1, 3, 3))[:, 0]
