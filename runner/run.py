@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from math import acos, sqrt
 from typing import overload
 
 import numpy as np
@@ -20,7 +21,6 @@ from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.kinematics import rotation_of
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 
@@ -66,6 +66,7 @@ class Runner:
         monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.settings, self.log = settings, log
+        self._logs = not isinstance(log, NoLog)  # else nothing is made ready to be written
         self.latch, self._progress = world.latch, progress
         sources = (*settings.stops, *sources, *(() if monitor is None else (monitor.gone,)))
         self.world = SafeWorld(world, limits=settings.limits, dry=dry, sources=sources, monitor=monitor)
@@ -146,7 +147,7 @@ class Runner:
         terrain: what the world has, where that is not what the plan's course says.
         """
         first = prepared.first
-        rotation = rotation_of(first.sample.rotation_rad)
+        rotation = first.sample.rotation
         terrain = prepared.terrain if terrain is None else terrain
         state = self.world.reset(terrain, first.angles_rad, first.origin_m, rotation)
         self.log.write("measurement", state_json(state))
@@ -186,7 +187,8 @@ class Runner:
             began = time.perf_counter()
             state = self.send(target.targets_rad, target.angles_rad, tracked.lean(target))
             record.add(target, state, began)
-            self.log.write("target", {"time_s": state.time_s, **target.entry()})
+            if self._logs:
+                self.log.write("target", {"time_s": state.time_s, **target.entry()})
             felt, seen = state.forces_n, state if told == "the world" else None
             seen = odometry.seen(target, state) if told == "leg odometry" else seen
             self.check_body(target, state)
@@ -200,11 +202,10 @@ class Runner:
     def send(self, targets: Array, planned: Array, lean: Array | None = None) -> State:
         """One command, logged. lean: as of ``SafeWorld.step``. Raises Stopped, HardwareFault."""
         state = self.world.step(targets, lean)
-        self.log.write(
-            "command",
-            {"time_s": state.time_s, "asked_rad": targets, "sent_rad": state.sent_rad, "planned_rad": planned},
-        )
-        self.log.write("measurement", state_json(state))
+        if self._logs:
+            asked = {"asked_rad": targets, "sent_rad": state.sent_rad, "planned_rad": planned}
+            self.log.write("command", {"time_s": state.time_s, **asked})
+            self.log.write("measurement", state_json(state))
         self.state = state
         return state
 
@@ -258,9 +259,10 @@ class Runner:
         """Stop where the body is not where it should be."""
         if not self.world.capabilities.has_body_pose or self.world.dry:
             return
-        away = float(np.linalg.norm(state.position_m - target.origin_m))
-        between = rotation_of(target.sample.rotation_rad).T @ state.rotation
-        turned = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
+        off = state.position_m - target.origin_m
+        away = sqrt(float(off @ off))
+        between = target.sample.rotation.T @ state.rotation
+        turned = acos(min(max((float(between.trace()) - 1.0) / 2.0, -1.0), 1.0))
         limits, counted = self.settings.tolerance, "" if self._prepared is None else self._prepared.motion.counted
         if away > limits.body_m or turned > limits.body_rad:
             self.world.trip(

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.arrays import Array, cross
+from ..files.arrays import Array, cached_arrays, cross
+from ..robot.rotation import rotations_of
+from ..terrain.patch import contact_frames
 from ..terrain.prism import Solid
 
 T = TypeVar("T", float, Array)
+FOLLOWS = ("stands", "steep", "rotation", "along_n", "across_n", "arms_m", "wrench", "frames")
+"""Properties of samples that are worked out once."""
 SMALL_RAD2 = 1e-6
 """Below this squared angle series take the place of sines and cosines."""
 
@@ -60,15 +64,58 @@ class Samples:
         """Lowest points of the feet, a radius below their centres along the normal, shape (T, N, 3)."""
         return np.asarray(self.feet_m - self.radii_m[:, None] * self.normals)
 
-    @property
+    @cached_arrays
     def stands(self) -> NDArray[np.bool_]:
         """Whether each limb has a foothold, shape (T, N)."""
         return np.asarray(self.foothold >= 0)
 
-    @property
+    @cached_arrays
     def steep(self) -> NDArray[np.bool_]:
         """Whether the slope exceeds atan μ, so that friction alone holds no weight, shape (T, N)."""
         return np.asarray(self.normals[..., 2] * np.hypot(1.0, self.friction) < 1.0)
+
+    @cached_arrays
+    def rotation(self) -> Array:
+        """R_WB, the rotation matrix of the body, shape (T, 3, 3)."""
+        return rotations_of(self.rotation_rad)
+
+    @cached_arrays
+    def along_n(self) -> Array:
+        """Parts of the forces along the normals, shape (T, N)."""
+        return np.asarray(np.einsum("...ij,...ij->...i", self.forces_n, self.normals))
+
+    @cached_arrays
+    def across_n(self) -> Array:
+        """Sizes of what the forces have across the normals, shape (T, N)."""
+        return np.asarray(np.linalg.norm(self.forces_n - self.along_n[..., None] * self.normals, axis=-1))
+
+    @cached_arrays
+    def arms_m(self) -> Array:
+        """Centres of the feet from the centre of mass, world frame, shape (T, N, 3)."""
+        return np.asarray(self.feet_m - self.com_m[..., None, :])
+
+    @cached_arrays
+    def wrench(self) -> Array:
+        """Sum of the forces [N] and of their moments about the centre of mass [Nm], world frame, shape (T, 6)."""
+        turning = cross(self.arms_m, self.forces_n).sum(axis=-2)
+        return np.concatenate([self.forces_n.sum(axis=-2), turning], axis=-1)
+
+    @cached_arrays
+    def frames(self) -> Array:
+        """R_WC of the surfaces, each with the axis that lies nearest to it as its shear reference, (T, N, 3, 3)."""
+        return contact_frames(self.normals, np.eye(3)[np.abs(self.normals).argmin(axis=-1)])
+
+    def rows(self) -> list[Self]:
+        """The samples at T times one by one, with what follows from them, which is worked out for all at once."""
+        names = [name for name in self.__annotations__ if getattr(self, name) is not None and name != "radii_m"]
+        tables = {name: getattr(self, name) for name in (*names, *FOLLOWS)}
+        given, found = vars(self) | {"radii_m": self.radii_m}, list[Self]()
+        for row in range(len(self.com_m)):
+            sample = object.__new__(type(self))
+            vars(sample).update(given)
+            vars(sample).update((name, table[row]) for name, table in tables.items())
+            found.append(sample)
+        return found
 
 
 class Motion(Protocol):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..cached import cached_property
-from ..files.arrays import Array, read_only
+from ..files.arrays import Array, cross, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
@@ -29,6 +29,7 @@ from .urdf_reader import at_rest, pinocchio
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
 DAMPING, STEPS, LONGEST_STEP_RAD = 1e-4, 60, 0.3
+_DAMPING = DAMPING * np.eye(3)
 DRAWN_AT = 0.2
 """In pictures the roll joint of a leg that is drawn up is so far along its thigh."""
 
@@ -70,10 +71,15 @@ class Kinematics:
             for leg in own
         ]  # fmt: skip
         self._data, self._masses = self.known.createData(), self.known.createData()
-        self._at = b""
+        self._at = self._set = b""
+        self._down = np.array([0.0, 0.0, -gravity_m_s2])
         self._rest, rows, self.columns = self._places()
-        self._row = _slice_or(rows)
-        self._own = [_slice_or(self.columns[self.legs == i]) for i in range(len(own))]
+        self._q, self._centres = self._rest, np.zeros((len(own), 3))
+        self._row, self._column = _slice_or(rows), _slice_or(self.columns)
+        # pinocchio's own memory, which changes with each sweep: nothing is fetched anew
+        self._spatial = self._data.J.T
+        self._middles = [self._data.oMf[foot].translation for foot in self._feet]
+        self._turns = [self._data.oMf[foot].rotation for foot in self._feet]
         self._even = bool(np.all(np.bincount(self.legs) == self._most))
 
     def _places(self) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
@@ -86,11 +92,19 @@ class Kinematics:
 
     def configuration(self, angles: Array) -> Array:
         """Angles as pinocchio has them."""
+        return self._configured(angles).copy()
+
+    def _configured(self, angles: ArrayLike) -> Array:
+        """The same, which nobody may change; the posture that was asked for last is not looked up again."""
+        angles = np.asarray(angles, dtype=np.float64)
+        if (asked := angles.tobytes()) == self._set:
+            return self._q
         q = self._rest.copy()
         q[self._row] = angles
         if len(self._circles):
             rows, its = self._circles.T
-            q[rows], q[rows + 1] = np.cos(np.asarray(angles)[its]), np.sin(np.asarray(angles)[its])
+            q[rows], q[rows + 1] = np.cos(angles[its]), np.sin(angles[its])
+        self._q, self._set = q, asked
         return q
 
     @property
@@ -110,7 +124,7 @@ class Kinematics:
         table[self.legs, self._nth] = values
         return table
 
-    def of_joints(self, values: Array) -> Array:
+    def of_joints(self, values: Array | NDArray[np.bool_]) -> Array:
         """Numbers of every leg, shape (N,), as those of its joints, shape (J,)."""
         return np.asarray(values[self.legs])
 
@@ -185,30 +199,36 @@ class Kinematics:
         feet: centres in the base's frame, shape (N, 3) [m]. Returns angles, shape (J,), and errors, shape (N,) [m].
         """
         lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
-        start = np.clip(start, lower, upper)
+        start = np.minimum(np.maximum(start, lower), upper)
         pull, angles, gap = 0.5, start, feet - self._placed(start)
-        before = np.linalg.norm(gap, axis=1)
+        before = lengths(gap)
         for _ in range(STEPS):
-            if np.max(np.abs(gap)) < EXACT_M:
+            if (farthest := abs(gap).max()) < EXACT_M:
                 break
             jacobian, drawn = self._jacobian(), pull * (wished - angles)
             pull *= 0.7
-            step = self._step(jacobian, gap, drawn)
+            step = self._step(jacobian, gap, drawn, farthest)
             held = ((angles <= lower) & (step < 0.0)) | ((angles >= upper) & (step > 0.0))
             if held.any():
-                step = self._step(self.by_leg(~held)[:, None] * jacobian, gap, np.where(held, 0.0, drawn))
-            angles = np.clip(angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD), lower, upper)
+                free = self.by_leg(~held)[:, None] * jacobian
+                step = self._step(free, gap, np.where(held, 0.0, drawn), farthest)
+            step = np.minimum(np.maximum(step, -LONGEST_STEP_RAD), LONGEST_STEP_RAD)
+            angles = np.minimum(np.maximum(angles + step, lower), upper)
             gap = feet - self._placed(angles)
-        error = np.linalg.norm(gap, axis=1)
+        error = lengths(gap)
         better = error <= np.maximum(before, EXACT_M)
         return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
 
-    def _step(self, jacobian: Array, gap: Array, drawn: Array) -> Array:
-        """Of the joints, that brings feet this far and draws joints so far where it does not move them, shape (J,)."""
-        damped = jacobian @ jacobian.transpose(0, 2, 1) + DAMPING * np.eye(3) * np.max(np.abs(gap))
-        inverse = jacobian.transpose(0, 2, 1) @ np.linalg.inv(damped)
+    def _step(self, jacobian: Array, gap: Array, drawn: Array, farthest: float) -> Array:
+        """Of the joints, that brings feet this far and draws joints so far where it does not move them, shape (J,).
+
+        farthest: the largest entry of the gap [m].
+        """
+        transposed = jacobian.transpose(0, 2, 1)
+        inverse = transposed @ np.linalg.inv(jacobian @ transposed + _DAMPING * farthest)
         along = self.by_leg(drawn)[:, :, None]
-        return np.asarray((inverse @ (gap[:, :, None] - jacobian @ along) + along)[self.legs, self._nth, 0])
+        found = inverse @ (gap[:, :, None] - jacobian @ along) + along
+        return np.asarray(found.reshape(-1) if self._even else found[self.legs, self._nth, 0])
 
     def beyond(self, angles: Array) -> Array:
         """How far joints are beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint slides]."""
@@ -252,11 +272,11 @@ class Kinematics:
     def foot_frames(self, angles: Array) -> Array:
         """Orientations of the feet in the base's frame, shape (N, 3, 3)."""
         self._placed(angles)
-        return np.array([self._data.oMf[frame].rotation for frame in self._feet])
+        return np.array(self._turns)
 
     def com_offset(self, angles: Array) -> Array:
         """The whole robot's centre of mass in the base's frame, shape (3,) [m]: paper E takes it for ``origin_m``."""
-        return np.array(self._pin.centerOfMass(self.known, self._masses, self.configuration(angles)))
+        return np.array(self._pin.centerOfMass(self.known, self._masses, self._configured(angles)))
 
     def torques(self, angles: Array, rotation: Array, forces_n: Array) -> Array:
         """τ = g(q) − Σ Jᵢᵀ fᵢ: what the joints give so that the robot stands still, shape (J,) [Nm].
@@ -275,10 +295,10 @@ class Kinematics:
 
         Returns g, shape (J,) [Nm], and levers, shape (J, 3) [m].
         """
-        self.known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
-        weight = self._pin.computeGeneralizedGravity(self.known, self._masses, self.configuration(angles))
+        self.known.gravity.linear = rotation.T @ self._down
+        weight = self._pin.computeGeneralizedGravity(self.known, self._masses, self._configured(angles))
         self._placed(angles)
-        return np.array(weight)[self.columns], self._jacobian()[self.legs, :, self._nth] @ rotation.T
+        return np.array(weight[self._column]), self._levers() @ rotation.T
 
     def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
         """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation of the base about the
@@ -297,9 +317,9 @@ class Kinematics:
         """What the legs' own masses take while the base is still and nothing weighs, shape (J,) [Nm]."""
         known, pin = self.known, self._pin
         rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
-        rates[self.columns], pushed[self.columns] = velocity, acceleration
+        rates[self._column], pushed[self._column] = velocity, acceleration
         known.gravity.linear = np.zeros(3)
-        return np.asarray(pin.rnea(known, self._masses, self.configuration(angles), rates, pushed)[self.columns])
+        return np.array(pin.rnea(known, self._masses, self._configured(angles), rates, pushed)[self._column])
 
     def _placed(self, angles: Array) -> Array:
         """Centres of the feet, shape (N, 3), after which ``_jacobian`` is of the same posture.
@@ -309,17 +329,24 @@ class Kinematics:
         asked = np.asarray(angles, dtype=np.float64).tobytes()
         if asked != self._at:
             self._at = b""
-            self._pin.computeJointJacobians(self.known, self._data, self.configuration(angles))
+            self._pin.computeJointJacobians(self.known, self._data, self._configured(angles))
             self._pin.updateFramePlacements(self.known, self._data)
-            self._at = asked
-        return np.array([self._data.oMf[foot].translation for foot in self._feet])
+            self._at, self._centres = asked, np.array(self._middles)
+            self._centres.flags.writeable = False
+        return self._centres
+
+    def _levers(self) -> Array:
+        """Derivatives of every joint's own foot in that joint, where ``_placed`` put them, shape (J, 3)."""
+        columns = self._spatial[self._column]  # velocity of what is at the origin, and angular velocity
+        return np.asarray(columns[:, :3] - cross(self._centres[self.legs], columns[:, 3:]))
 
     def _jacobian(self) -> Array:
         """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N, 3, n)."""
-        frame, found = self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, np.zeros((len(self._feet), 3, self._most))
-        for i, (foot, own) in enumerate(zip(self._feet, self._own, strict=True)):
-            its = self._pin.getFrameJacobian(self.known, self._data, foot, frame)[:3, own]
-            found[i, :, : its.shape[1]] = its
+        found, levers = np.zeros((len(self._feet), 3, self._most)), self._levers()
+        if self._even:
+            found[:] = levers.reshape(len(found), -1, 3).transpose(0, 2, 1)
+        else:
+            found[self.legs, :, self._nth] = levers
         return found
 
 

@@ -10,7 +10,6 @@ from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, vstack
 from scipy.sparse.linalg import splu
 
@@ -43,6 +42,8 @@ class CubicBasis:
     @cached_property
     def _pieces(self) -> Array:
         """Polynomials of the four functions that live on an interval, by (power, interval, function)."""
+        from scipy.interpolate import BSpline
+
         spline, starts = BSpline(self.knots, np.eye(self.size), 3), self.knots[3 : self.size]
         powers = np.stack([spline(starts, nu=m) / factorial(m) for m in range(4)], axis=-1)  # (interval, all, power)
         return np.ascontiguousarray(np.stack([powers[k, k : k + 4].T for k in range(len(starts))], axis=1))

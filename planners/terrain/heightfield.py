@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from ..cached import cached_property
 from ..errors import InvalidInput
@@ -186,6 +185,8 @@ class HeightField:
 
     def smoothed(self, sigma_m: float) -> HeightField:
         """The field under a Gaussian of this deviation; planes stay. Raises InvalidInput where the grid is uneven."""
+        from scipy.ndimage import gaussian_filter1d
+
         heights: Array = self.heights_m
         if not self.even:
             raise InvalidInput(f"{self.name or 'terrain'}: expected an even grid to smooth, got uneven spacing")

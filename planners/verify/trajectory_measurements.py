@@ -11,7 +11,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 from ..answer.trajectory import Trajectory
 from ..cached import cached_property
@@ -192,6 +191,8 @@ class TrajectoryMeasurements:
 
     def _tops(self, xy: Array) -> Array:
         """The highest of the map's own heights within NEAR_M of points, shape (…, 2) [m] → (…)."""
+        from scipy.ndimage import maximum_filter
+
         terrain = self.trajectory.terrain
         lines = terrain.x_m, terrain.y_m
         about = tuple(1 + 2 * math.ceil(NEAR_M / float(np.diff(line).min())) for line in lines)

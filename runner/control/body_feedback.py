@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.planners.equilibrium.gather import Of
 from stancekit.planners.equilibrium.rows import Rows
-from stancekit.planners.files.arrays import Array, check_numbers, cross, read_only
+from stancekit.planners.files.arrays import Array, check_numbers, lengths, read_only
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.urdf_reader import pinocchio
-from stancekit.planners.terrain.patch import contact_frames
 
 EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
@@ -75,6 +75,7 @@ class BodyController:
         self._mass, self._inertia, self._weight, self._feedback = mass_kg, inertia_kgm2, weight_n, feedback
         self._rows: dict[int, Rows[_Asked]] = {}
         self._log = pinocchio().log3
+        self._asked: tuple[tuple[bytes, ...], Array] = (), np.zeros((0, 3))
 
     def wrench(self, wanted: BodyPose, found: BodyPose) -> Array:
         """Force [N] and moment [Nm] on the body in the world, shape (6,)."""
@@ -84,6 +85,14 @@ class BodyController:
         away = self._log(wanted.rotation @ turn.T)
         moment = turn @ self._inertia @ turn.T @ (gains.rotation_s2 * away + gains.turn_s * late[3:])
         return np.concatenate([self._mass * force, moment])
+
+    def planned(self, sample: Samples, stands: NDArray[np.bool_]) -> Array:
+        """``forces`` of a body that is where it should be, over feet that are; they stay while what is planned does."""
+        parts = sample.forces_n, sample.wrench, sample.arms_m[stands], sample.frames[stands], sample.friction
+        key = (stands.tobytes(), *(part.tobytes() for part in parts))
+        if key != self._asked[0]:
+            self._asked = key, self.forces(np.zeros(6), sample, sample.arms_m, sample.forces_n, stands)
+        return self._asked[1]
 
     def forces(
         self, wrench: Array, sample: Samples, arms_m: Array, planned_n: Array, stands: NDArray[np.bool_]
@@ -95,10 +104,8 @@ class BodyController:
         """
         if not stands.any():
             return planned_n
-        normals = sample.normals[stands]
-        frames = contact_frames(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-        whole = cross(sample.feet_m - sample.com_m, sample.forces_n).sum(axis=0)
-        wanted = WEIGHTS * (wrench + np.concatenate([sample.forces_n.sum(axis=0), whole])) / self._weight
+        frames = sample.frames[stands]
+        wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
         maps = np.concatenate([frames, TURNING * skew(arms_m[stands]) @ frames], axis=1)
         planned = np.einsum("nik,ni->nk", frames, planned_n[stands])
         asked = _Asked(
@@ -113,9 +120,7 @@ class BodyController:
 
     def _friction(self, sample: Samples) -> Array:
         """The part of μ that the forces of every foot may use, shape (N,)."""
-        along = np.einsum("ij,ij->i", sample.forces_n, sample.normals)
-        across = np.linalg.norm(sample.forces_n - along[:, None] * sample.normals, axis=1)
-        used = across / np.maximum(along, self._feedback.least_share * self._weight)
+        used = sample.across_n / np.maximum(sample.along_n, self._feedback.least_share * self._weight)
         share, most = self._feedback.cone_share * sample.friction, PLANNED * sample.friction
         return np.asarray(np.maximum(share, np.minimum(used, most)))
 
@@ -126,24 +131,25 @@ class BodyController:
             forces, lacks = rows.variable("forces", count, 3), rows.variable("lacks", 6)
             balance, least = rows.equal("balance", 6), rows.at_most("least", count)
             cone = rows.cones("cone", count, 3)
-            rows.put(balance[:, None], forces.reshape(1, -1), lambda d: d.arms)
+            rows.put(balance[:, None], forces.reshape(1, -1), Of("arms"))
             rows.put(balance, lacks, 1.0)
-            rows.right(balance, lambda d: d.wanted)
+            rows.right(balance, Of("wanted"))
             rows.put(least, forces[:, 0], -1.0)
             rows.right(least, -self._feedback.least_share)
-            rows.put(cone[:, 0], forces[:, 0], lambda d: -d.friction)
+            rows.put(cone[:, 0], forces[:, 0], -Of("friction"))
             rows.put(cone[:, 1:], forces[:, 1:], -1.0)
             rows.square(lacks, None, 1.0)
             rows.square(forces, None, EVEN)
-            rows.linear(forces, lambda d: -2.0 * EVEN * d.planned)
+            rows.linear(forces, -2.0 * EVEN * Of("planned"))
         return self._rows[count]
 
     def _inside(self, force: Array, friction: Array) -> Array:
         """What the solver left outside of the cones, and of the least force, is taken off; forces: in their frames."""
         along = np.maximum(force[:, 0], self._feedback.least_share * self._weight)
-        size = np.maximum(np.linalg.norm(force[:, 1:], axis=1), 1e-9)
-        share = np.minimum(1.0, friction * along / size)
-        return np.concatenate([along[:, None], share[:, None] * force[:, 1:]], axis=1)
+        share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
+        found = np.empty_like(force)
+        found[:, 0], found[:, 1:] = along, share[:, None] * force[:, 1:]
+        return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

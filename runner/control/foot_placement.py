@@ -92,8 +92,7 @@ class FootPlacement:
         felt_n: along the normals, shape (N,). late: legs whose joints are not where they should be: they come first.
         """
         self._listen(np.minimum(felt_n[~then.stands], 0.0))
-        wanted = np.einsum("ij,ij->i", then.forces_n, then.normals)
-        stands, lands = then.stands, ~now.stands
+        stands, lands, wanted = then.stands, ~now.stands, then.along_n
         late = late & stands & lands & self._feedback.waits
         missing = stands & ~late & (lands | (wanted > 4.0 * self._touch_n))
         missing &= (felt_n < self._touch_n) & (self._depth < self._feedback.seek_m)
@@ -167,7 +166,7 @@ class FootPlacement:
         All of it until they bear; of those that step aside with the body, in the air, half of what is along their
         normals. carried: that way, shape (N, 3).
         """
-        gone = np.clip(felt / (BORNE * self._weight), 0.0, 1.0) - self._borne
+        gone = np.minimum(np.maximum(felt / (BORNE * self._weight), 0.0), 1.0) - self._borne
         self._borne = np.where(self.touched, self._borne + gone * self._period_s / BORNE_S, 0.0)
         bears = (1.0 - self._borne)[:, None] * carried
         if self._step_s == 0.0:

@@ -43,4 +43,4 @@ class LoopStiffness:
         self._square = self._kept * self._square + self._period_s * float(yielded @ yielded)
         self._along = self._kept * self._along + self._period_s * float(yielded @ given)
         share = (self._along + self._prior) / max(self._square + self._prior, 1e-12)
-        self.share = float(np.clip(share, 1.0 / FARTHEST, FARTHEST))
+        self.share = min(max(share, 1.0 / FARTHEST), FARTHEST)

@@ -33,7 +33,7 @@ class SilentFeet:
     def found(self, target: Target, state: State) -> str:
         """Which foot is silent, and since when it is known, in one line; empty where none is. One more period."""
         sample = target.sample
-        wanted_n, felt_n = (np.einsum("ij,ij->i", each.forces_n, sample.normals) for each in (sample, state))
+        wanted_n, felt_n = sample.along_n, np.einsum("ij,ij->i", state.forces_n, sample.normals)
         presses = sample.stands & (wanted_n >= self._presses_n)
         self._silent = np.where(felt_n >= TOUCH_N, 0.0, self._silent + presses)
         limb = int(np.argmax(self._silent))

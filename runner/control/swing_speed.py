@@ -38,7 +38,11 @@ class SwingSpeed:
         and neither turns faster, nor changes how fast it turns by more in a period, than ``RAMP_S`` lets it; at a limit
         of a joint, which it may be late to brake for, it stops.
         """
-        period = self._period_s
+        period, slower = self._period_s, self._period_s / PAUSE_S
+        if not air.any():  # nobody is led, so nobody is late
+            self._wanted, self.late = angles, np.zeros_like(air)
+            self.pace = min(max(self.pace + slower, 0.0), 1.0)
+            return angles
         follows = np.zeros_like(angles) if self._wanted is None else (angles - self._wanted) / period
         follows = follows * self._each(self._used(follows) <= 1.0)  # a jump is nothing to go along with
         away = angles - before - period * follows
@@ -50,11 +54,11 @@ class SwingSpeed:
         velocity = velocity / self._each(np.maximum(1.0, self._used(velocity)))
         change = velocity - rates
         change = change / self._each(np.maximum(1.0, self._used(change) * RAMP_S / period))
-        on = np.clip(before + period * (rates + change), self._kinematics.lowest_rad, self._kinematics.highest_rad)
+        on = before + period * (rates + change)
+        on = np.minimum(np.maximum(on, self._kinematics.lowest_rad), self._kinematics.highest_rad)
         led = np.where(self._each(air) > 0.0, on, angles)
         self._wanted = angles
         self.late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > LATE_RAD
-        slower = period / PAUSE_S
         self.pace = min(max(self.pace + (-slower if self.late.any() else slower), 0.0), 1.0)
         return np.asarray(np.where(self._each(self.late) > 0.0, led, angles))
 

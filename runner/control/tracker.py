@@ -11,6 +11,7 @@ body where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,13 @@ from numpy.typing import NDArray
 from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.motion.motion import Motion, Samples, smooth
-from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
+from stancekit.planners.robot.kinematics import Kinematics, pinocchio
 
 from ..motion.redundancy import RedundancyResolution, resolved
 from ..worlds.drives import Drives
 from ..worlds.world import State
 from .body_feedback import BodyController, BodyFeedback, BodyPose, skew
+from .coming import Coming, Expected
 from .command import command
 from .foot_placement import FADES, ContactFeedback, FootPlacement
 from .loop_stiffness import LoopStiffness
@@ -87,7 +89,6 @@ class Tracker:
         self._body = BodyController(kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body)
         self._feels_body = body.acts
         self._loops = LoopStiffness(self._drives, self._period_s, feedback.memory_s)
-        self._samples: tuple[tuple[float, Samples], ...] = ()
         self._found: _Found | None = None
         self._placed: tuple[Array, Array] | None = None
         self._rates = np.zeros(len(kinematics.joints))
@@ -96,21 +97,24 @@ class Tracker:
         self._feet = FootPlacement(
             motion.at(0.0), kinematics, feedback, weight_n=self._weight, step_s=body.step_s, period_s=self._period_s
         )
-        self._wished = wished or resolved(motion, kinematics)
+        wished = wished or resolved(motion, kinematics)
+        self._coming = Coming(motion, wished, self._period_s)
         self._time_s, self._swing = 0.0, SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s)
+        self._whole: tuple[bytes, Array] = b"", np.zeros((0, 0))
         self._pressed, self._rolled = np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 0.0
-        self._angles = self._wish = self._wished.at(0.0)
+        first, self._wish = self._coming.at(0.0)
+        self._angles = self._wish
         self._drawn = min(1.0, self._period_s / DRAWN_S)
         self._shift = kinematics.com_offset(self._angles)
         for _ in range(3):  # the pose and the shift of the centre of mass depend on each other
-            self._angles = self._solved(motion.at(0.0))[0]
+            self._angles = self._solved(first, self._wish)[0]
             self._shift = kinematics.com_offset(self._angles)
-        self._turned = rotation_of(motion.at(0.0).rotation_rad) @ kinematics.foot_frames(self._angles)
+        self._turned = first.rotation @ kinematics.foot_frames(self._angles)
 
     def start(self) -> Target:
         """Where the robot should be before the first period."""
-        return self._target(self._motion.at(0.0))
+        return self._target(*self._coming.at(0.0))
 
     def take_over(self, off_rad: Array, within_s: float) -> None:
         """Begin with targets that are so far off, shape (J,) [rad], as what was sent last by whatever else is off the
@@ -126,7 +130,11 @@ class Tracker:
     @property
     def coming(self) -> Samples:
         """What should be at the end of the next period."""
-        return self._at(self._time_s + self._swing.pace * self._period_s)
+        return self._next[0]
+
+    @property
+    def _next(self) -> Expected:
+        return self._coming.at(self._time_s + self._swing.pace * self._period_s, self._swing.pace)
 
     def next(self, forces_n: Array, state: State | None = None) -> Target | None:
         """The target of the next period; None at the end.
@@ -140,7 +148,7 @@ class Tracker:
             self._loops.see(state, given, self._of(self._feet.touched))
         if self._time_s >= self._motion.duration_s:
             return None
-        now, then = self._at(self._time_s), self.coming
+        (now, wished), (then, wish) = self._coming.at(self._time_s), self._next
         felt = np.einsum("ij,ij->i", forces_n, then.normals)
         lands = self._feet.seek(now, then, felt, self._swing.late) & self._feedback.waits
         seen = None
@@ -150,17 +158,9 @@ class Tracker:
         self._feet.follow(now, then, felt, self._rolled, seen)
         self._press(then, forces_n, then.stands)
         if lands.any():
-            return self._target(now)
+            return self._target(now, wished)
         self._time_s += self._swing.pace * self._period_s
-        return self._target(then)
-
-    def _at(self, time_s: float) -> Samples:
-        """What should be at a time: what comes is asked for twice, and a period later is what was."""
-        for known, sample in self._samples:
-            if known == time_s:
-                return sample
-        self._samples = (*self._samples[-1:], (time_s, self._motion.at(time_s)))
-        return self._samples[-1][1]
+        return self._target(then, wish)
 
     def _press(self, sample: Samples, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing of the forces with which feet press against each other; what of the sum would move or
@@ -169,24 +169,30 @@ class Tracker:
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
             return
-        arms = sample.feet_m - sample.com_m
-        turning = skew(arms).transpose(1, 0, 2).reshape(3, -1)
-        whole = np.concatenate([np.tile(np.eye(3), len(arms)), turning]) * np.repeat(stands, 3)
-        moving = np.linalg.pinv(whole) @ whole
+        moving = self._moving(sample.arms_m, stands)
         if self._found is not None and hangs.any():  # what is outside the cones would be summed up for ever
-            wanted = self._body.forces(np.zeros(6), sample, arms, wanted, stands)
+            wanted = self._body.planned(sample, stands)
         gap = np.where(hangs[:, None], wanted - forces_n, 0.0).ravel()
         pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
-        pressed = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
-        most = float(np.linalg.norm(pressed, axis=1).max())
-        self._pressed = pressed * min(1.0, self._feedback.press_n / max(most, 1e-9))
+        kept = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
+        most = sqrt(float((kept * kept).sum(axis=1).max()))
+        self._pressed = kept * min(1.0, self._feedback.press_n / max(most, 1e-9))
 
-    def _target(self, sample: Samples) -> Target:
-        angles, error, origin = self._solved(sample)
+    def _moving(self, arms: Array, stands: NDArray[np.bool_]) -> Array:
+        """The projection of forces of all feet onto those that move or turn the body as a whole, shape (3N, 3N); it
+        stays while body and standing feet do."""
+        if (key := arms[stands].tobytes() + stands.tobytes()) != self._whole[0]:
+            turning = skew(arms).transpose(1, 0, 2).reshape(3, -1)
+            whole = np.concatenate([np.tile(np.eye(3), len(arms)), turning]) * np.repeat(stands, 3)
+            self._whole = key, np.linalg.pinv(whole) @ whole
+        return self._whole[1]
+
+    def _target(self, sample: Samples, wish: Array) -> Target:
+        angles, error, origin = self._solved(sample, wish)
         if self._feedback.waits:
             angles = self._swing.led(self._angles, self._rates, angles, ~sample.stands)
-        rotation = rotation_of(sample.rotation_rad)
+        rotation = sample.rotation
         loads = self._kinematics.loads(angles, rotation)
         planned = self._kinematics.torques_of(loads, sample.forces_n)
         given = self._given(sample, loads, origin, rotation)
@@ -236,11 +242,10 @@ class Tracker:
         """The same of their joints."""
         return np.asarray(self._kinematics.of_joints(legs.astype(np.float64)) > 0.0)
 
-    def _solved(self, sample: Samples) -> tuple[Array, Array, Array]:
-        """Angles, errors of the feet and the body's origin."""
-        rotation = rotation_of(sample.rotation_rad)
+    def _solved(self, sample: Samples, wish: Array) -> tuple[Array, Array, Array]:
+        """Angles, errors of the feet and the body's origin. wish: the posture that joints are drawn to, shape (J,)."""
+        rotation = sample.rotation
         origin = sample.com_m - rotation @ self._shift
-        wish = self._wished.at(self._time_s)
         feet = (sample.feet_m + self._rolled + self._feet.moved_m - origin) @ rotation
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish

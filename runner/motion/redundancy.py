@@ -17,7 +17,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
-from scipy.ndimage import gaussian_filter1d
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
@@ -45,8 +44,8 @@ smoothed; while it stands, from the second on no pace is slow enough, and all po
 
 
 class RedundancyResolution:
-    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` a time: shape (J,) [rad].
-    path_rad: at the motion's knots, shape (T, J)."""
+    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` times of shape (…,) it is
+    of shape (…, J) [rad]. path_rad: at the motion's knots, shape (T, J)."""
 
     def __init__(self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None) -> None:
         times = motion.knots_s
@@ -70,7 +69,7 @@ class RedundancyResolution:
         tables = [_family(samples, shifts, motion.solids, kinematics, limb) for limb in limbs]
         near = None if near_rad is None else np.asarray(near_rad).reshape(len(tables), -1)
         chosen = [_cheapest(table, None if near is None else near[limb]) for limb, table in enumerate(tables)]
-        smooth = [gaussian_filter1d(q, SMOOTHED, axis=0, mode="nearest") for q in chosen]
+        smooth = [_smoothed(q) for q in chosen]
         self._set(times, _from(near_rad, np.concatenate(smooth, axis=1), motion, times))
 
     def _set(self, times: Array, path: Array) -> None:
@@ -84,9 +83,9 @@ class RedundancyResolution:
         found._set(times_s, self.path_rad)
         return found
 
-    def at(self, time_s: float) -> Array:
+    def at(self, times_s: float | Array) -> Array:
         """The ends are held."""
-        return np.asarray(self._angles(min(max(time_s, 0.0), self._end)))
+        return np.asarray(self._angles(np.minimum(np.maximum(times_s, 0.0), self._end)))
 
 
 class Continued(Kinematics):
@@ -147,9 +146,16 @@ def _without_jumps(
         chosen = _cheapest(table, path[begin, its], path[end, its])
         if _jumps(chosen).size:  # the family has no hip beyond the vertical
             chosen = path[within, its]
-        found[within, its] = gaussian_filter1d(chosen, SMOOTHED, axis=0, mode="nearest")
+        found[within, its] = _smoothed(chosen)
         found[begin, its], found[end, its] = path[begin, its], path[end, its]
     return found
+
+
+def _smoothed(path: Array) -> Array:
+    """A limb's postures without the family's steps, shape (T, 4)."""
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(path, SMOOTHED, axis=0, mode="nearest"))
 
 
 def _followed(samples: Sequence[Samples], kinematics: Kinematics, near_rad: Array | None) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from math import isfinite
 from typing import Any, get_args
 
 import numpy as np
@@ -46,11 +48,9 @@ def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
     """Raise HardwareFault for measurements that are no ``State`` of so many joints and limbs, or no finite numbers."""
     if not isinstance(state, State):
         raise HardwareFault(f"world {name}: expected a State, got {shown(state)}")
-    shapes: dict[str, tuple[int, ...]] = {
-        "time_s": (), "bump_n": (), "position_m": (3,), "rotation": (3, 3), "velocity": (6,),
-        **dict.fromkeys(("angles_rad", "rates_rad_s", "torques_nm", "sent_rad"), (joints,)),
-        **dict.fromkeys(("feet_m", "forces_n"), (limbs, 3)),
-    }  # fmt: skip
+    shapes = _shapes(joints, limbs)
+    if _plain_and_finite(state, shapes):
+        return
     for attribute, shape in shapes.items():
         try:
             found = np.asarray(getattr(state, attribute))
@@ -61,3 +61,26 @@ def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
             raise HardwareFault(f"world {name}: expected shape {shape} of {attribute}, got {found.shape}")
         if not finite:
             raise HardwareFault(f"world {name}: expected finite measurements, got others in {attribute}")
+
+
+@lru_cache(maxsize=8)
+def _shapes(joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
+    """What a state has, and its shape."""
+    return {
+        "time_s": (), "bump_n": (), "position_m": (3,), "rotation": (3, 3), "velocity": (6,),
+        **dict.fromkeys(("angles_rad", "rates_rad_s", "torques_nm", "sent_rad"), (joints,)),
+        **dict.fromkeys(("feet_m", "forces_n"), (limbs, 3)),
+    }  # fmt: skip
+
+
+def _plain_and_finite(state: State, shapes: dict[str, tuple[int, ...]]) -> bool:
+    """Whether all of it is arrays of finite numbers in these shapes, as it nearly always is."""
+    arrays = [getattr(state, name) for name, shape in shapes.items() if shape]
+    if not all(type(each) is np.ndarray and each.dtype == np.float64 for each in arrays):
+        return False
+    if [each.shape for each in arrays] != [shape for shape in shapes.values() if shape]:
+        return False
+    numbers = (state.time_s, state.bump_n)
+    return all(type(each) is float and isfinite(each) for each in numbers) and bool(
+        np.isfinite(np.concatenate(arrays, axis=None)).all()
+    )

@@ -87,8 +87,8 @@ class Drives:
     def sendable(self, targets: Array, before: Array, period_s: float) -> Array:
         """Targets as a drive takes them: within the joints' limits, no farther from the last than it can turn."""
         step = self.velocity_rad_s * period_s
-        kept = np.clip(targets, self.lower_rad, self.upper_rad)
-        return np.asarray(np.clip(kept, before - step, before + step))
+        kept = np.minimum(np.maximum(targets, self.lower_rad), self.upper_rad)
+        return np.asarray(np.minimum(np.maximum(kept, before - step), before + step))
 
 
 def _loop(actuator: ActuatorModel, gains: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -25,6 +26,7 @@ TERRAIN, ROBOT = 1, 2
 """Bits of what meets what: links meet the terrain and each other."""
 ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
+_AXES = np.arange(3)  # of a contact: along its normal, and two across
 
 
 def mujoco_module() -> Any:
@@ -48,10 +50,13 @@ class MujocoWorld(SimulatedWorld):
         self._touching: tuple[tuple[str, str], ...] | None = None
         self._model: Any = None
         self._data: Any = None
+        self._views: tuple[Array, ...] = ()
 
     def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         self._model = self._compiled(terrain)
         self._data = self._mujoco.MjData(self._model)
+        # its own memory, which changes with every step
+        self._views = tuple(getattr(self._data, name) for name in ("qpos", "qvel", "xmat", "xpos", "actuator_force"))
         quaternion = np.empty(4)
         self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         self._data.qpos[:7] = [*position_m, *quaternion]
@@ -60,25 +65,31 @@ class MujocoWorld(SimulatedWorld):
         self._rates = np.array([int(joint.dofadr[0]) for joint in joints])
         self._data.qpos[self._angles] = angles_rad
         self._base = self._model.body(self.body.base).id
-        self._feet = [self._model.body(name).id for name in self.body.feet]
+        self._feet = np.array([self._model.body(name).id for name in self.body.feet])
+        self._bodies = np.array(self._model.geom_bodyid)
+        self._rubs = bool((self._model.geom_condim == 3).all())
+        self._foot = np.full(self._model.nbody, -1)
+        self._foot[self._feet] = np.arange(len(self._feet))
         self._mujoco.mj_forward(self._model, self._data)
         return self._state(np.zeros((len(self._feet), 3)), 0.0)
 
     def _advanced(self, targets_rad: Array) -> State:
         self._data.ctrl[:] = targets_rad
-        forces, bump = np.zeros((len(self._feet), 3)), 0.0
+        contacts = list[tuple[NDArray[np.int_], Array]]()
         fades, ranges = bool(self.drives.fading.any()), self._model.actuator_forcerange
         self._data.xfrc_applied[self._base, :3] = self.imperfections.pushed_n(float(self._data.time))
         for _ in range(self._substeps):
             if fades:
                 ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])
             self._mujoco.mj_step(self._model, self._data)
-            bump += self._contacts(forces)
+            contacts.append(self._contacts())
+        forces, bump = self._felt_of(contacts)
         return self._state(forces / self._substeps, bump / self._substeps)
 
     def close(self) -> None:
         """Drop the model."""
         self._model = self._data = None
+        self._views = ()
 
     def _compiled(self, terrain: Terrain) -> Any:
         spec = self._spec(self.body.apart if self._touching is None else (*self.body.apart, *self._touching))
@@ -148,37 +159,47 @@ class MujocoWorld(SimulatedWorld):
                 type=kinds.mjGEOM_MESH, meshname=f"patch_{index}", **rubbing(patch.friction), **contact
             )
 
-    def _contacts(self, forces: Array) -> float:
-        """Add the forces of the terrain on feet to them; the force on anything else, and of links on each other, is
-        returned [N]."""
-        bump, local = 0.0, np.zeros(6)
-        for index in range(self._data.ncon):
-            contact = self._data.contact[index]
-            self._mujoco.mj_contactForce(self._model, self._data, index, local)
-            force = contact.frame.reshape(3, 3).T @ local[:3]  # on the second body
-            first, second = (self._model.geom_bodyid[geom] for geom in (contact.geom1, contact.geom2))
-            body, sign = (second, 1.0) if first == 0 else (first, -1.0)
-            if first and second:
-                bump += float(np.linalg.norm(force))
-            elif body in self._feet:
-                forces[self._feet.index(body)] += sign * force
-            else:
-                bump += float(np.linalg.norm(force))
-        return bump
+    def _contacts(self) -> tuple[NDArray[np.int_], Array]:
+        """Pairs of bodies that touch, shape (K, 2), and the forces on the second, world frame, shape (K, 3) [N]."""
+        contact, forces = self._data.contact, self._data.efc_force
+        rows = contact.efc_address
+        if self._rubs:
+            local = forces[rows[:, None] + _AXES]
+        else:  # one of ice presses along its normal alone
+            there = contact.dim[:, None] > _AXES
+            local = np.zeros(there.shape)
+            local[there] = forces[(rows[:, None] + _AXES)[there]]
+        return self._bodies[contact.geom], (local[:, None] @ contact.frame.reshape(-1, 3, 3))[:, 0]
+
+    def _felt_of(self, contacts: Sequence[tuple[NDArray[np.int_], Array]]) -> tuple[Array, float]:
+        """Forces of the terrain on feet, summed over substeps, shape (N, 3); and those on anything else, and of links
+        on each other [N]."""
+        forces, bump = np.zeros((len(self._feet), 3)), 0.0
+        pairs, pushes = (np.concatenate([each[k] for each in contacts]) for k in (0, 1))
+        on_second = pairs[:, 0] == 0
+        feet = self._foot[np.where(on_second, pairs[:, 1], pairs[:, 0])]
+        feet[pairs.all(axis=1)] = -1
+        its = feet >= 0
+        np.add.at(forces, feet[its], np.where(on_second[:, None], pushes, -pushes)[its])
+        if not its.all():
+            ends = np.cumsum([len(each) for each, _ in contacts])[:-1]
+            for others, force in zip(np.split(~its, ends), np.split(pushes, ends), strict=True):
+                bump += sum((float(np.linalg.norm(one)) for one in force[others]), start=0.0)
+        return forces, bump
 
     def _state(self, forces: Array, bump: float) -> State:
-        data = self._data
-        rotation = data.xmat[self._base].reshape(3, 3).copy()
-        turns = data.xmat[self._feet].reshape(-1, 3, 3)
+        data, (places, rates, turned, origins, torques) = self._data, self._views
+        rotation = turned[self._base].reshape(3, 3).copy()
+        turns = turned[self._feet].reshape(-1, 3, 3)
         return State(
             time_s=float(data.time),
-            position_m=data.qpos[:3].copy(),
+            position_m=places[:3].copy(),
             rotation=rotation,
-            velocity=np.concatenate([data.qvel[:3], rotation @ data.qvel[3:6]]),
-            angles_rad=data.qpos[self._angles],
-            rates_rad_s=data.qvel[self._rates],
-            torques_nm=data.actuator_force.copy(),
-            feet_m=data.xpos[self._feet] + (turns @ self.body.tips_m[:, :, None])[..., 0],
+            velocity=np.concatenate([rates[:3], rotation @ rates[3:6]]),
+            angles_rad=places[self._angles],
+            rates_rad_s=rates[self._rates],
+            torques_nm=torques.copy(),
+            feet_m=origins[self._feet] + (turns @ self.body.tips_m[:, :, None])[..., 0],
             forces_n=forces,
             bump_n=bump,
             sent_rad=self._sent.copy(),
