@@ -20,11 +20,12 @@ from stancekit.planners.files.validation import shown
 from stancekit.planners.formats.leap_file import is_leap_file, read_leap
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.alternatives import AS_ASKED
+from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.robot.contact_robot import Sets
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
@@ -153,7 +154,9 @@ def plan(
         assert not isinstance(method, LeapFinder)
         planner = through_verifier(method, "courses")
     push_n = checked_number(push_n, "push_n", least=0.0)
-    return plan_course(question, planner, shares=shares, limits=limits, push_n=push_n, deadline=deadline)
+    return plan_course(
+        question, planner, shares=shares, limits=limits, push_n=push_n, layouts=ALTERNATIVES, deadline=deadline
+    )
 
 
 def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: float) -> Answer[LeapPlan]:
@@ -209,7 +212,11 @@ def _question(
             raise InvalidInput(f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none")
         if Path(name).suffix == ".json":
             return read_course(name, frames, who)
-        return lambda sets, way=AS_ASKED: read_course(name, frames, who, sets, alternative=way)
+
+        def laid_out(sets: Sets, alternative: Alternative = AS_ASKED) -> Course:
+            return read_course(name, frames, who, sets, alternative=alternative)
+
+        return laid_out
     if robot is not None:
         raise InvalidInput(f"robot: expected none with a course that is laid out, got {_called(robot)}")
     if frames not in (None, course.frames):

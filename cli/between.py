@@ -80,6 +80,7 @@ class Between:
 
     def course(self, name: str, frames: int | None, robot: str | None) -> Course:
         """The course of a file or a name, or over a terrain's file from start to goal. Raises InvalidInput."""
+        from stancekit.planners.problem.alternatives import AS_ASKED
         from stancekit.planners.problem.course_between import laid_between
         from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.terrain.footholds import Footholds
@@ -89,7 +90,7 @@ class Between:
             if not isinstance(question, Footholds):
                 return read_course(name, frames, robot)
             start, goal = (place.tolist() for place in self.places())
-            return laid_between(question, start, goal, robot=robot, frames=frames)("inner")
+            return laid_between(question, start, goal, robot=robot, frames=frames)("inner", AS_ASKED)
 
     @contextmanager
     def in_options(self) -> Iterator[None]:

@@ -222,7 +222,7 @@ class ContactForces:
 
 
 def _borne(scaled: Scaled) -> Any:
-    """What the contacts of every stance bear in all, shape (S, 3): the weight, which may be a parameter, less a push."""
+    """What the contacts of every stance bear, shape (S, 3): the weight, which may be a parameter, less a push."""
     if scaled.layout.pushes:
         return scaled.borne
     return scaled.weight * np.tile([0.0, 0.0, 1.0], (len(scaled.layout.stances), 1))

@@ -47,7 +47,7 @@ def _as_it_stands(rows: Rows[Given], layout: Layout, body: BodyVariables, points
         def away(d: Given) -> Array:
             return np.asarray(d.held.toes[foothold] - d.scaled.standing)
 
-        rows.square(body.com, None, lambda d: d.scaled.aim.stance * each)
+        rows.square(body.com, None, lambda d: np.asarray(d.scaled.aim.stance * each))
         rows.linear(
             body.com,
             lambda d: -2.0 * d.scaled.aim.stance * by(frame, layout.frames, away(d)),

@@ -16,7 +16,7 @@ from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
-from ..problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
+from ..problem.alternatives import AS_ASKED, Alternative
 from ..problem.candidates import NoPlace
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES
@@ -49,14 +49,13 @@ def plan_course(
     limits: WholeBodyLimits | None = WholeBodyLimits(),
     start_rad: Array | None = None,
     push_n: float = 0.0,
+    layouts: Sequence[Alternative] = (AS_ASKED,),
     deadline: float = math.inf,
 ) -> Answer[Plan]:
     """Answer a course: a plan that was judged, a proof that there is none, or what is known when the time ends.
 
     question: the course, or a function that lays it out; a function may choose other candidates for a proof, which is
-    then one about all that the robot may reach, while a course is answered with the candidates that it has. Where the
-    whole body cannot do what a function laid out, the other layouts of ``ALTERNATIVES`` are tried while there is time;
-    the plan's provenance says which it is of. *Infeasible* is said of what was asked for alone.
+    then one about all that the robot may reach, while a course is answered with the candidates that it has.
     planner: of contacts and forces.
     shares: of the friction, see ``plan_with_reserve``; None for 0.8, 0.9 and 1 where the planner has a true
     ``reserve``, as two-stage planners have, and all of it with others.
@@ -64,6 +63,8 @@ def plan_course(
     limits: of joints and bodies, to which the plan is bent, and then judged with all of the whole body; None leaves it
     at contacts. start_rad: joints of a robot that stands already, as for ``plan_angles``, shape (J,).
     push_n: horizontal push that every stance has to bear, where the course does not ask for more [N].
+    layouts: ways in which a function lays the course out, in the order in which they are tried while there is time,
+    where over none before a plan was accepted; its provenance says which. *Infeasible* is said of the first alone.
     deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
     Returns the outcome with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
     and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques are asked for of a
@@ -93,30 +94,35 @@ def plan_course(
 
     if not callable(question):
         return answered(question, deadline)
-    return _laid_out(question, answered, deadline)
+    return _laid_out(question, layouts, answered, deadline)
 
 
-def _laid_out(question: LayOut, answered: Callable[[Course, float], Answer[Plan]], deadline: float) -> Answer[Plan]:
-    """The answer over the first layout that has a plan; else over the one that was asked for.
+def _laid_out(
+    question: LayOut,
+    layouts: Sequence[Alternative],
+    answered: Callable[[Course, float], Answer[Plan]],
+    deadline: float,
+) -> Answer[Plan]:
+    """The answer over the first layout that has a plan; else over the first of all.
 
     Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other has a plan.
     """
     first: Answer[Plan] | None = None
     refusal: NoPlace | PlanningFailed | None = None
-    for alternative in ALTERNATIVES:
+    for alternative in layouts:
         now = time.perf_counter()
-        if alternative is not AS_ASKED and now >= deadline:
+        if alternative is not layouts[0] and now >= deadline:
             break
         try:
             course = question("inner", alternative)
         except (NoPlace, PlanningFailed) as error:
             refusal = refusal or error
             continue
-        last = alternative is ALTERNATIVES[-1] or math.isinf(deadline)
+        last = alternative is layouts[-1] or math.isinf(deadline)
         outcome = answered(course, deadline if last else now + FIRST * (deadline - now))
-        if outcome.status is Status.FEASIBLE and alternative is not AS_ASKED:
+        if outcome.status is Status.FEASIBLE and alternative.message:
             return _of_layout(outcome, alternative)
-        if alternative is AS_ASKED:
+        if alternative is layouts[0]:
             first = outcome
             if outcome.status is not Status.UNDECIDED:
                 return outcome

@@ -55,7 +55,7 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
         course = scenario.course()
         laid = time.process_time()
         planner = TwoStageCoursePlanner(time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS)
-        outcome = plan_course(scenario.course, planner, shares=SHARES, presses=(), limits=None)
+        outcome = plan_course(lambda sets, _: scenario.course(sets), planner, shares=SHARES, presses=(), limits=None)
     except StancekitError as error:
         return SceneAnswer(message=str(error), seconds=(time.process_time() - begin, 0.0))
     return _answer(outcome, course, (laid - begin, time.process_time() - laid))
@@ -68,7 +68,8 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
         course = scenario.course()
         laid = time.process_time()
         deadline = time.perf_counter() + PATIENT_S
-        outcome = plan_course(scenario.course, TwoStageCoursePlanner(time_limit_s=PATIENT_S), deadline=deadline)
+        planner = TwoStageCoursePlanner(time_limit_s=PATIENT_S)
+        outcome = plan_course(lambda sets, _: scenario.course(sets), planner, deadline=deadline)
     except StancekitError as error:
         return SceneAnswer(message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0))
     return _answer(outcome, course, (laid - begin, time.process_time() - laid), patient=True)
