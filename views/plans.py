@@ -19,6 +19,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.toes import ToeKinematics
 from stancekit.planners.terrain import Patch
+from stancekit.planners.verify.margins import support_region
 from stancekit.runner.motion.stream import streamed
 from stancekit.runner.motion.time_parametrization import RATE_HZ
 
@@ -44,7 +45,7 @@ from .still import Still
 from .terrain import ICE, ICE_EDGE, ICY, SCALE, patches, tint
 from .video import Frame
 
-GOAL = "#e8a317"
+GOAL, SUPPORT = "#e8a317", "#2a7f62"
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
@@ -221,7 +222,31 @@ class PlanView:
                 shape = self._cone(foothold, height) if cone_m is None else self._cones[foothold]
                 bodies.append(cone_body(f"cone {foothold}", shape, toe))
                 arrows.append(self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force))
-        return Scene(bodies=bodies, arrows=arrows)
+        return Scene(bodies=bodies, arrows=arrows, paths=self.support(now))
+
+    def support(self, now: Samples) -> list[Path]:
+        """Where the centre of mass may be before its contacts no longer carry it, and where it is, at their height."""
+        frame, standing = int(now.frame + 1e-9), now.toes_m[now.stands]
+        region = self._region(frame)
+        if not len(region) or not len(standing):
+            return []
+        height = float(standing[:, 2].mean())
+        corners = np.column_stack([region, np.full(len(region), height)])
+        under = np.array([[now.com_m, [*now.com_m[:2], height]]])
+        return [
+            Path(pieces_m=ring(corners), colour=SUPPORT, width=1.6, layer=Layer.TOP, lift_m=20.0),
+            Path(pieces_m=under, colour=SUPPORT, width=0.9, opacity=0.7, layer=Layer.TOP, lift_m=20.0),
+        ]
+
+    def _region(self, frame: int) -> Array:
+        """The support region of the tightest stance at a key frame, shape (K, 2) [m]; worked out once."""
+        if frame not in self._regions:
+            of_frame = [stance for stance in self.plan.course.stances if stance.frame == frame]
+            regions = [support_region(self.plan, stance) for stance in of_frame]
+            self._regions[frame] = min(regions, key=_area, default=np.zeros((0, 2)))
+        return self._regions[frame]
+
+    _regions = cached_property(lambda self: dict[int, Array]())
 
     def _cone(self, foothold: int, height_m: float) -> Mesh:
         """The friction cone of a foothold; a wide one is cut to what the picture has room for."""
@@ -286,11 +311,22 @@ class PlanView:
     @property
     def legend(self) -> list[tuple[Colour, str]]:
         """What colours mean, for a page."""
-        rows = [(INK, "path of the centre of mass"), (ACCENT, "contact forces in friction cones"), (GOAL, "goal")]
+        rows = [
+            (INK, "path of the centre of mass"),
+            (SUPPORT, "where contacts carry the centre of mass"),
+            (ACCENT, "contact forces in friction cones"),
+            (GOAL, "goal"),
+        ]
         for friction in sorted({patch.friction for patch in self.plan.course.terrain})[:6]:
             words = f"ice, μ = {friction:g}" if friction < ICY else f"friction μ = {friction:g}"
             rows.append((tint(friction, self.friction), words))
         return rows
+
+
+def _area(corners: Array) -> float:
+    """Area of a polygon whose corners are in order, shape (K, 2) [m²]."""
+    x, y = corners.T
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
 @DEFAULT_STYLE
@@ -318,7 +354,7 @@ def draw_plan(
     scale = still.paint(plain_axes(figure, 24.0, 70.0, 92.0))
     entries = [
         force_entry(scale / view.metres_a_newton, 120.0), Entry(text="cone", sign="cone", colour=ACCENT),
-        Entry(text="centre of mass", sign="path"),
+        Entry(text="centre of mass", sign="path"), Entry(text="its support", sign="path", colour=SUPPORT),
         Entry(text="chosen", sign="box", colour=leg_colour(0), fill="#d6efd0"),
     ]  # fmt: skip
     if any(patch.friction < ICY for patch in plan.course.terrain):

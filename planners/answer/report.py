@@ -271,7 +271,8 @@ class Report(Generic[S]):
         return (
             f"every stance bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the weight, least at "
             f"frame {at['push_frame']}); the centre of mass is {1e3 * at['support_m']:.0f} mm inside (frame "
-            f"{at['support_frame']}); {at['friction_left']:.0%} of the friction is spare (frame {at['friction_frame']})"
+            f"{at['support_frame']}); friction could be {1.0 - at['friction_left']:.0%} of what it is (frame "
+            f"{at['friction_frame']})"
         )
 
     @property

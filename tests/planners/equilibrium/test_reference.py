@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cvxpy as cp
@@ -17,6 +17,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import Given
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course import Course
 from stancekit.planners.projection.held import FixForces, FixToes, Linearised
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.domain import domain_of
@@ -34,7 +35,8 @@ COURSES = [(1, 1), (4, 1), (2, 2), (6, 2), (7, 2), (1, 3), (3, 3)]  # seed, fram
 BOUNDED = [("bounded", ("wall-3", 5)), ("bounded", (2, (6, 3, 4, 3))), ("bounded", (4, 1)), ("bounded", (3, 3))]
 SOLED = [("soled", ("wall-3", 5)), ("soled", (4, 1)), ("soled", (3, 3)), ("soled", ("bounded", (6, 2)))]
 PAIRED = [("paired", (3, 3)), ("paired", ("bounded", (6, 2)))]
-PROBLEMS = [*POSTURES, *RAGGED, *COURSES, *BOUNDED, *SOLED, *PAIRED]
+PUSHED = [("pushed", (4, 1)), ("pushed", (3, 3)), ("pushed", ("soled", (3, 3)))]
+PROBLEMS = [*POSTURES, *RAGGED, *COURSES, *BOUNDED, *SOLED, *PAIRED, *PUSHED]
 SOLVED = [("ground-3", 86), BOUNDED[1], BOUNDED[3], SOLED[0], SOLED[3], PAIRED[0]]
 Programme = tuple[Callable[..., object], tuple[object, ...]]
 
@@ -46,6 +48,8 @@ def scaled(drawn, mixed, ragged, bounded, soled, paired) -> Callable[[tuple[obje
     def find(which):
         if which[0] == "bounded":
             return bounded(find(which[1]), 7)
+        if which[0] == "pushed":
+            return pushed(find(which[1]))
         if which[0] == "paired":
             return paired(find(which[1]), 9)
         if which[0] == "soled":
@@ -55,6 +59,14 @@ def scaled(drawn, mixed, ragged, bounded, soled, paired) -> Callable[[tuple[obje
         return mixed(*which) if isinstance(which[1], tuple) else ragged(which[0], frames=which[1])
 
     return lambda which: Scaled.of(find(which))
+
+
+def pushed(course: Course) -> Course:
+    """The same with a push of a tenth of the weight in every stance, and toes drawn to where they are as it stands."""
+    shoulders = np.array([limb.shoulder_m for limb in course.robot.limbs])
+    standing = np.tile(shoulders + np.array([0.02, 0.01, -0.2]), (course.frames, 1, 1))
+    weights = replace(course.weights, stance=0.3)
+    return replace(course, push_n=0.1 * course.weight_n, weights=weights, standing_m=standing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +90,8 @@ def programs_of(scaled: Scaled, near: Callable[[Scaled, int], Point]) -> Iterato
     yield "least gap", (LeastGap, (one.layout,)), held
     yield "fix-p", (FixToes, (one.layout, True, True)), held
     yield "fix-f", (FixForces, (one.layout,)), held
-    yield from p1_of(scaled)
+    if not scaled.layout.pushes:  # which envelopes do not know
+        yield from p1_of(scaled)
 
 
 def boxed(scaled: Scaled, axes: str, share: float) -> Envelope:

@@ -1,0 +1,147 @@
+"""Margins of stances: closed forms, another program, and plans that are to bear a push."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import MARGIN
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course import Course, Stance
+from stancekit.planners.problem.posture import Contact, PostureProblem
+from stancekit.planners.projection.force_distribution import ForceDistribution
+from stancekit.planners.terrain.patch import Patch
+from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.margins import stance_margins, support_region
+
+HALF_M, HEIGHT_M, MASS_KG = 0.2, 0.3, 10.0
+WEIGHT_N = 9.81 * MASS_KG
+
+
+def table(com_m: tuple[float, float], friction: float) -> Plan:
+    """Four feet at the corners of a square on level ground, the centre of mass above it."""
+    contacts, toes = [], []
+    for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
+        toe = np.array([HALF_M * x, HALF_M * y, 0.0])
+        corners = toe + 0.05 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+        patch = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=friction)
+        contacts.append(
+            Contact(
+                leg=f"leg{len(toes)}",
+                shoulder_m=[HALF_M * x, HALF_M * y, 0.0],
+                reach_m=0.6,
+                patch=patch,
+                force_min=[0, -1, -1],
+                force_max=[1, 1, 1],
+            )
+        )
+        toes.append(toe)
+    com = np.array([*com_m, HEIGHT_M])
+    problem = PostureProblem(contacts=tuple(contacts), mass_kg=MASS_KG, com_nominal_m=com, com_radius_m=0.1)
+    u, v = 0.5 + np.array(com_m) / (2.0 * HALF_M)  # bilinear shares of the weight
+    shares = np.array([u * v, (1 - u) * v, (1 - u) * (1 - v), u * (1 - v)])
+    forces = np.zeros((1, 4, 3))
+    forces[0, :, 2] = shares * WEIGHT_N
+    course = Course.of_posture(problem)
+    return Plan(
+        course=course,
+        com_m=com[None],
+        rotation_rad=np.zeros((1, 3)),
+        toes_m=np.array(toes),
+        choice=np.zeros(4, dtype=int),
+        forces_n=forces,
+        provenance={},
+    )
+
+
+@pytest.mark.parametrize("com_m", [(0.0, 0.0), (0.05, 0.0), (0.03, -0.12)])
+def test_a_table_tips_about_its_nearest_side(com_m: tuple[float, float]) -> None:
+    (margin,) = stance_margins(table(com_m, friction=5.0))
+    inside = HALF_M - max(abs(x) for x in com_m)
+    assert margin.support_m == pytest.approx(inside, rel=0.02)
+    assert margin.support_m <= inside + 1e-6
+    assert margin.push_n == pytest.approx(WEIGHT_N * inside / HEIGHT_M, rel=0.02)  # F h = w d
+    assert margin.push_n <= WEIGHT_N * inside / HEIGHT_M + 1e-4
+
+
+def test_a_table_on_ice_slides_before_it_tips() -> None:
+    (margin,) = stance_margins(table((0.0, 0.0), friction=0.1))
+    assert margin.push_n == pytest.approx(0.1 * WEIGHT_N, rel=0.02)
+    assert margin.support_m == pytest.approx(HALF_M, rel=0.02)
+    assert margin.friction_left > 0.9  # nothing pushes
+
+
+def test_a_centre_beyond_the_feet_has_no_margin() -> None:
+    (margin,) = stance_margins(table((0.21, 0.0), friction=1.0))
+    assert (margin.push_n, margin.support_m) == (0.0, 0.0)
+
+
+def test_the_region_of_a_table_is_the_square_of_its_feet() -> None:
+    plan = table((0.02, 0.01), friction=1.0)
+    corners = support_region(plan, plan.course.stances[0])
+    np.testing.assert_allclose(np.abs(corners), HALF_M, atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def climb() -> Plan:
+    found = stancekit.plan("stairs", stancekit.TwoStage(reserve=False), frames=5).solution
+    assert found is not None
+    return found
+
+
+def held(plan: Plan, stance: Stance, push_n: float, turn: float) -> bool:
+    """Whether a stance bears a push, by the program that distributes forces, which has other rows."""
+    course = plan.course
+    arms = plan.toes_at(stance.frame) - plan.com_m[stance.frame]
+    patches = [course.patch(int(index), plan.choice) for index in course.holds[stance.frame]]
+    bears = np.isin(np.arange(6), stance.limbs)
+    push = push_n / course.weight_n * np.array([np.cos(turn), np.sin(turn), 0.0])
+    distribution = ForceDistribution(6)
+    return distribution.forces(course, arms, patches, bears, reserves=(1.0,), least=0.0, push=push) is not None
+
+
+def test_a_push_that_is_said_to_be_borne_has_forces_in_all_directions(climb: Plan) -> None:
+    turns = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
+    for margin, stance in zip(stance_margins(climb), climb.course.stances, strict=True):
+        assert all(held(climb, stance, 0.99 * margin.push_n, turn) for turn in turns)
+        assert not all(held(climb, stance, 1.05 * margin.push_n, turn) for turn in turns)
+
+
+def test_a_plan_bears_the_push_that_is_asked_for() -> None:
+    plain = stancekit.plan("stairs", frames=6)
+    assert plain.report is not None
+    least_n = plain.report.group(MARGIN).figures["push_n"]
+    wanted_n = 1.5 * least_n
+    found = stancekit.plan("stairs", frames=6, push_n=wanted_n)
+    assert found.status is stancekit.Status.FEASIBLE
+    assert found.solution is not None
+    assert found.solution.course.push_n == wanted_n
+    assert min(margin.push_n for margin in stance_margins(found.solution)) >= wanted_n
+    assert plain.solution is not None
+    asked = replace(plain.solution, course=replace(plain.solution.course, push_n=wanted_n))
+    report = check_plan(asked)
+    assert not report.accepted
+    assert report.message == "rejected: contacts hold, a push is too much"
+    assert report.group(MARGIN).message.endswith(f"expected {wanted_n:.3g} N")
+
+
+def test_a_push_that_no_stance_bears_is_undecided_and_one_beyond_all_feet_is_refused() -> None:
+    found = stancekit.plan("stairs", frames=4, push_n=90.0)
+    assert found.status is stancekit.Status.UNDECIDED
+    assert found.certificate is None
+    with pytest.raises(InvalidInput, match=r"push_n: expected at most .* which all feet together can hold, got 5000"):
+        stancekit.plan("stairs", frames=4, push_n=5000.0)
+    with pytest.raises(InvalidInput, match="two-stage alone knows pushes"):
+        stancekit.plan("stairs", "nlp", frames=2, push_n=5.0)
+
+
+def test_files_say_what_a_plan_has_to_bear(climb: Plan) -> None:
+    from stancekit.planners.problem.course_json import course_from_json, course_to_json
+
+    assert "push_n" not in course_to_json(climb.course)
+    course = replace(climb.course, push_n=12.0)
+    assert course_from_json(course_to_json(course)).push_n == 12.0
