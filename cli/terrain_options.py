@@ -33,7 +33,8 @@ class TerrainFile:
         Optional[Literal["mesh", "grid", "cloud"]],  # noqa: UP045
         tyro.conf.arg(metavar="{mesh,grid,cloud}"),
     ] = None
-    """What the file holds, where its name does not say: a .npy or .csv of three columns may be a cloud or a grid."""
+    """What the file holds, where its name does not say: a .npy or .csv of three columns may be a cloud or a grid. A
+    mesh that is called a grid is the map of its upper side."""
     spacing_m: float = 0.05
     """Grid spacing of a file, of the map that a cloud becomes, and at which a mesh is sampled for walks [m]."""
     unit_m: float = 1.0

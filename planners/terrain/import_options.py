@@ -34,7 +34,8 @@ class ImportOptions:
     """How a file becomes a terrain in the world's frame, in metres, z up.
 
     Arguments:
-        kind: what the file holds, "mesh", "grid" or "cloud"; None where its name says so.
+        kind: what the file holds, "mesh", "grid" or "cloud"; None where its name says so. A mesh that is called a
+            "grid" becomes the map of its upper side.
         unit_m: length of the file's unit [m]; 0.001 for millimetres.
         up: the file's axis that points up, "x", "y" or "z"; of meshes and clouds.
         offset_m: added to every point, after unit and axis, shape (3,) [m].

@@ -9,17 +9,17 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.documents import read_bytes
 from .mesh_formats import READERS
-from .mesh_formats.numbers import MOST_TRIANGLES, Surface
+from .mesh_formats.numbers import MOST_TRIANGLES, Surface, TooMany
 
 MOST_BYTES = 128_000_000
 LARGEST = 1e9
 """A coordinate of a file in any unit."""
 
 
-def read_corners(path: str | Path, most_triangles: int = MOST_TRIANGLES) -> Surface:
+def read_corners(path: str | Path, most_triangles: int = MOST_TRIANGLES, hint: str = "simplify it") -> Surface:
     """Corners, shape (V, 3), in the file's unit, and triangles, shape (T, 3), of corners' numbers.
 
-    most_triangles: more are refused, before memory is asked for them.
+    most_triangles: more are refused, before memory is asked for them; hint: what the message says to do then.
     Raises InvalidInput for a file that is missing or damaged, that declares more than it holds, whose triangles name
     corners that it does not have, and for one without triangles or with corners that are not finite.
     """
@@ -32,6 +32,8 @@ def read_corners(path: str | Path, most_triangles: int = MOST_TRIANGLES) -> Surf
     try:
         with np.errstate(all="ignore"):  # absurd magnitudes end as corners that are not finite
             corners, triangles = READERS[suffix](content, most_triangles)
+    except TooMany as error:
+        raise InvalidInput(f"{path}: {error}; {hint}") from None
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
     if len(triangles) == 0:

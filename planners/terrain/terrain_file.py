@@ -17,7 +17,15 @@ from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind
 from .mesh_formats.ply import HEAD_BYTES
 from .triangle_mesh import TriangleMesh
 
-MAY_HOLD = SUFFIXES_OF | {"cloud": (*SUFFIXES_OF["cloud"], ".ply", ".npy", ".csv")}
+MAY_HOLD = SUFFIXES_OF | {
+    "cloud": (*SUFFIXES_OF["cloud"], ".ply", ".npy", ".csv"),
+    "grid": (*SUFFIXES_OF["grid"], *SUFFIXES_OF["mesh"]),
+}
+"""A mesh that is read as a grid is seen from above."""
+AS_MAP = "simplify it, or have its upper side read as a map with kind=grid and a spacing_m"
+"""What to do about a mesh with more triangles than are wanted."""
+MOST_SEEN = 3_000_000
+"""Triangles of such a mesh."""
 ROWS_POINTS = 200_000
 """Points at which a spline is looked at in one go."""
 TOLERANCE_M = 0.025
@@ -29,6 +37,7 @@ def read_terrain(
 ) -> TriangleMesh | ElevationMap:
     """A mesh, or the elevation map of a grid or a point cloud, in the world's frame; holes as ``options`` has them.
 
+    A mesh of kind "grid" is the map of what is seen of it from above, at the options' spacing.
     A .ply without faces is a cloud. Raises InvalidInput, in one line, for anything that is no terrain.
     """
     path = Path(path)
@@ -37,7 +46,13 @@ def read_terrain(
     if options.height_m is not None and path.suffix.lower() != ".png":
         raise InvalidInput(f"height_m: expected a .png with it, got {path}")
     if kind == "mesh":
-        return TriangleMesh.of(*mesh_file.read_corners(path, options.most_triangles), options, label)
+        corners, triangles = mesh_file.read_corners(path, options.most_triangles, AS_MAP)
+        return TriangleMesh.of(corners, triangles, options, label)
+    if kind == "grid" and path.suffix.lower() in SUFFIXES_OF["mesh"]:
+        seen = mesh_file.read_corners(path, max(options.most_triangles, MOST_SEEN))
+        mesh = TriangleMesh.as_given(*seen, options, label)
+        mesh.check_size(options.unit_m)
+        return mesh.from_above(options.spacing_m).with_holes(options.holes)
     if kind == "grid":
         return grid_file.read_grid(path, options, label).with_holes(options.holes)
     points = options.placed(cloud_file.read_points(path))

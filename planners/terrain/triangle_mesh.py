@@ -17,6 +17,7 @@ from .import_options import ImportOptions
 from .inside_out import inside_out
 from .obstacles import fan
 from .patch import Patch
+from .raster import raised
 
 WELD_M = 1e-6
 """Corners closer than this are one [m]: STL files have no others."""
@@ -61,6 +62,22 @@ class TriangleMesh:
         return cls(corners_m=corners, triangles=triangles, name=name)
 
     @classmethod
+    def as_given(cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str) -> TriangleMesh:
+        """Those of a file in the world's frame, cropped, to be seen from above alone: nothing else is looked at.
+
+        Raises InvalidInput where nothing is left.
+        """
+        with np.errstate(all="ignore"):
+            corners = options.placed(corners)
+        if options.crop_m is not None:
+            low, high = corners[triangles].min(axis=1), corners[triangles].max(axis=1)
+            meets = np.all((high >= options.box_m[0]) & (low <= options.box_m[1]), axis=1)
+            corners, triangles = _cropped(corners, triangles[meets], options.box_m)
+            if len(triangles) == 0:
+                raise InvalidInput(f"{name}: crop_m: expected some of the mesh inside, got none of it")
+        return cls(corners_m=corners, triangles=triangles, name=name)
+
+    @classmethod
     def of_patches(cls, patches: Sequence[Patch], name: str) -> TriangleMesh:
         """Patches as triangles whose corners turn about their normals."""
         corners = np.concatenate([fan(patch) for patch in patches]).reshape(-1, 3)
@@ -94,9 +111,7 @@ class TriangleMesh:
         triangles = self.spread_m
         x_m, y_m = _grid_lines(triangles, spacing_m, self.name)
         _check_cover(triangles, spacing_m, self.name)
-        heights = np.full((len(x_m), len(y_m)), -np.inf)
-        for corners in triangles:
-            _raise_to(heights, x_m, y_m, corners)
+        heights = raised(triangles, x_m, y_m)
         return ElevationMap(x_m=x_m, y_m=y_m, heights_m=np.where(np.isfinite(heights), heights, np.nan), name=self.name)
 
 
@@ -155,21 +170,3 @@ def _check_cover(triangles: Array, spacing: float, name: str) -> None:
             f"{name}: expected triangles over {MOST_COVERED:g} grid points in all or fewer, got {covered:.3g}"
         )
 
-
-def _raise_to(heights: Array, x: Array, y: Array, corners: Array) -> None:
-    """Raise the grid to one triangle, shape (3, 3), where it lies higher."""
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.tolist()
-    double = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    if abs(double) < 1e-14:
-        return
-    i = slice(*np.searchsorted(x, (min(ax, bx, cx) - 1e-6, max(ax, bx, cx) + 1e-6)))
-    j = slice(*np.searchsorted(y, (min(ay, by, cy) - 1e-6, max(ay, by, cy) + 1e-6)))
-    if i.start == i.stop or j.start == j.stop:
-        return
-    u, v = x[i, None] - ax, y[None, j] - ay
-    second = (u * (cy - ay) - v * (cx - ax)) / double
-    third = (v * (bx - ax) - u * (by - ay)) / double
-    edge = 1e-5  # of the triangle: corners are often in single precision
-    inside = (second > -edge) & (third > -edge) & (second + third < 1.0 + edge)
-    found = np.where(inside, az + second * (bz - az) + third * (cz - az), -np.inf)
-    heights[i, j] = np.maximum(heights[i, j], found)

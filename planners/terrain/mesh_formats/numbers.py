@@ -27,6 +27,10 @@ LONGEST = 400
 """Letters of a number at most."""
 
 
+class TooMany(InvalidInput):
+    """A mesh with more triangles than are wanted."""
+
+
 def broken(reason: str) -> InvalidInput:
     """The error for a file that is damaged."""
     return InvalidInput(f"expected a mesh: {reason}")
@@ -35,9 +39,7 @@ def broken(reason: str) -> InvalidInput:
 def check_count(count: int, most: int) -> None:
     """Raise InvalidInput for more triangles than are wanted."""
     if count > most:
-        raise InvalidInput(
-            f"expected {most} triangles or fewer (most_triangles), got {count}; simplify it"
-        )
+        raise TooMany(f"expected {most} triangles or fewer (most_triangles), got {count}")
 
 
 def blocks(text: bytes, end: bytes) -> Iterator[bytes]:
