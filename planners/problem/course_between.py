@@ -25,6 +25,7 @@ from ..terrain.footholds import Footholds
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 from .alternatives import AS_ASKED, Alternative
+from .candidates import NoPlace
 from .course import MOST_FRAMES, Course
 from .course_keys import CourseSpec
 from .course_layout import build_course
@@ -215,7 +216,7 @@ class _Lattice:
         known = np.isfinite(self.z_m)
         where = f"{name}: expected footholds for every toe about ({place[0]:g}, {place[1]:g})"
         if not known.any():
-            raise InvalidInput(f"{where}, got a terrain on which the robot can stand nowhere")
+            raise NoPlace(f"{where}, got a terrain on which the robot can stand nowhere")
         inside = bool(np.all((at >= 0) & (at < self.z_m.shape)))
         if inside and known[tuple(at)]:
             return int(np.ravel_multi_index(tuple(at), self.z_m.shape))
@@ -225,7 +226,7 @@ class _Lattice:
         reason = (
             f"none near that of {limbs[lacking].name}" if lacking >= 0 else "some too far above or below the others"
         )
-        raise InvalidInput(f"{where}, got {reason}; the nearest place to stand is {gap:.3g} m away")
+        raise NoPlace(f"{where}, got {reason}; the nearest place to stand is {gap:.3g} m away")
 
     def _graph(self) -> Any:
         """Ways between neighbouring nodes, by what they cost."""

@@ -108,14 +108,16 @@ def _laid_out(
     Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other has a plan.
     """
     first: Answer[Plan] | None = None
-    refusal: NoPlace | PlanningFailed | None = None
+    refusal: InvalidInput | PlanningFailed | None = None
     for alternative in layouts:
         now = time.perf_counter()
         if alternative is not layouts[0] and now >= deadline:
             break
         try:
             course = question("inner", alternative)
-        except (NoPlace, PlanningFailed) as error:
+        except (InvalidInput, PlanningFailed) as error:
+            if alternative is layouts[0] and not isinstance(error, NoPlace | PlanningFailed):
+                raise
             refusal = refusal or error
             continue
         last = alternative is layouts[-1] or math.isinf(deadline)
