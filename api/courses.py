@@ -25,8 +25,8 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.search.methods import Method, PlannerOptions, course_through_verifier, make_course_planner
+from stancekit.planners.search.answer import Planner
+from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
@@ -42,7 +42,7 @@ OLD = {
     "torque_nm": "plan(course, body=WholeBodyLimits(torque_nm=...))",
     "torque_share": "plan(course, body=WholeBodyLimits(share=...))",
     "clearance_m": "plan(course, body=WholeBodyLimits(clearance_m=...))",
-    "engine": "a planner of make_course_planner with PlannerOptions(programs=Programs(engine=...))",
+    "engine": "a planner of make_planner with PlannerOptions(programs=Programs(engine=...))",
 }
 LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "clearance_m"}
 
@@ -50,7 +50,7 @@ LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "cle
 @overload
 def plan(
     course: Course | PostureProblem | Footholds | str | Path,
-    method: str | Method | CoursePlanner = "two-stage",
+    method: str | Method | Planner = "two-stage",
     *,
     start_xy_m: Array | Sequence[float] | None = None,
     goal_xy_m: Array | Sequence[float] | None = None,
@@ -65,7 +65,7 @@ def plan(course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float
 @checked
 def plan(
     course: Course | PostureProblem | Footholds | Leap | str | Path,
-    method: str | Method | CoursePlanner | LeapFinder = "two-stage",
+    method: str | Method | Planner | LeapFinder = "two-stage",
     *,
     start_xy_m: Array | Sequence[float] | None = None,
     goal_xy_m: Array | Sequence[float] | None = None,
@@ -85,7 +85,7 @@ def plan(
             ``time_limit_s``.
         method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds the best plan of a
             short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline that fails on ice). Or text:
-            "two-stage", ..., a name that a package registered under ``stancekit.course_planners``, "FILE.py:NAME". Or a
+            "two-stage", ..., a name that a package registered under ``stancekit.planners``, "FILE.py:NAME". Or a
             planner that was made before.
         start_xy_m, goal_xy_m: over a terrain, where the centre of mass begins and ends, shape (2,) [m]; frames, gait
             and candidates are laid out between them.
@@ -126,7 +126,7 @@ def plan(
     given = old_arguments("plan", old, OLD, beside) if old else {}
     called = "planner" if "planner" in given else "method"
     method = given.pop("planner", method)
-    check_argument("planner", method, str | Method | CoursePlanner)
+    check_argument("planner", method, str | Method | Planner)
     engine: Any = given.pop("engine", "rows")
     checked_choice(engine, "engine", ("rows", "cvxpy"))
     programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
@@ -143,7 +143,7 @@ def plan(
         raise InvalidInput(f"{next(iter(given))}: expected none for a planner that was made before")
     else:
         assert not isinstance(method, LeapFinder)
-        planner = course_through_verifier(method)
+        planner = through_verifier(method, "courses")
     return plan_course(question, planner, shares=shares, limits=limits, deadline=deadline)
 
 
@@ -159,10 +159,10 @@ def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: floa
     return find_leap(leap, method, time_limit_s=time_limit_s)
 
 
-def _made(called: str, method: str | Method, options: PlannerOptions, settings: dict[str, Any]) -> CoursePlanner:
+def _made(called: str, method: str | Method, options: PlannerOptions, settings: dict[str, Any]) -> Planner:
     """The planner of a method; messages begin with what the argument is called. Raises InvalidInput."""
     try:
-        return make_course_planner(method, options, **settings)
+        return make_planner(method, options, of="courses", **settings)
     except InvalidInput as error:
         said = str(error)
         raise InvalidInput(f"{called}{said.removeprefix('planner')}" if said.startswith("planner:") else said) from None

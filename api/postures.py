@@ -71,7 +71,7 @@ def solve(
             raise InvalidInput(
                 f"{name}: expected none for a planner that was made before, which has no use for it, got {given!r}"
             )
-    return through_verifier(method).solve(problem)
+    return through_verifier(method, "postures").solve(problem)
 
 
 def planner_of(
@@ -88,4 +88,6 @@ def planner_of(
     if isinstance(settings.get("envelopes"), Path):
         settings["envelopes"] = read_envelopes(settings["envelopes"])
     programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-    return make_planner(method, PlannerOptions(time_limit_s=time_limit_s, programs=programs), **settings)
+    return make_planner(
+        method, PlannerOptions(of="postures", time_limit_s=time_limit_s, programs=programs), **settings
+    )

@@ -40,7 +40,7 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.contact_robot import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.search.methods import make_course_planner
+from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
@@ -151,7 +151,7 @@ def ran(accepted: Accepted, arguments: Arguments) -> Row:
 def planned(path: Path, file: str, terrain: str, rng: np.random.Generator) -> str:
     """Write an accepted plan over a drawn course; why there is none, empty where there is."""
     course = build_course(spec_from(course_of(named_robot(file), file, STEPS[terrain], rng)))
-    outcome = plan_course(course, make_course_planner("two-stage"))
+    outcome = plan_course(course, make_planner("two-stage", of="courses"))
     report = outcome.report
     if outcome.solution is None or report is None:
         return outcome.message or outcome.status.value

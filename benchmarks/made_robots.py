@@ -28,7 +28,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.planners.search.methods import make_course_planner
+from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.plan_course import plan_course
 from tests.planners.robot.made_robots import Made, lowest_m, made_robots
 
@@ -75,7 +75,7 @@ def judged(made: Made, folder: Path, frames: int = 1) -> dict[str, Any]:
             f"goal_m: [{ahead}, 0, {model.stand_height_m}]\nterrain: {{kind: flat, friction: 0.7}}\n"
         )
         course = read_course(folder / "course.yaml")
-        outcome = plan_course(course, make_course_planner("two-stage"))
+        outcome = plan_course(course, make_planner("two-stage", of="courses"))
         status, message = outcome.status.value, outcome.message
         if outcome.solution is not None and outcome.report is not None:
             write_plan(folder / "plan.json", outcome.solution, outcome.report)

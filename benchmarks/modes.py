@@ -16,7 +16,7 @@ from _bench import Options, launch
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.learners.selectors.modes import learn_modes
 from stancekit.planners.relaxation.modes import Modes
-from stancekit.planners.search.methods import make_course_planner
+from stancekit.planners.search.methods import make_planner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ def main(arguments: Arguments) -> None:
 
 def measure(modes: Modes, courses: int, rng: np.random.Generator) -> dict[str, float]:
     """Answers over perturbed courses, and how many stances had no other mode to choose."""
-    planner = make_course_planner("two-stage", envelopes=modes)
+    planner = make_planner("two-stage", envelopes=modes, of="courses")
     right = wrong = undecided = forced = stances = 0
     times = []
     for _ in range(courses):

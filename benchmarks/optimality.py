@@ -28,7 +28,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course import Course, Foothold, StepLimits
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.exact import ExactCoursePlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
@@ -114,7 +114,7 @@ def main(options: Arguments) -> None:
     first = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s)
     best = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s, gap=options.gap)
     exact = ExactCoursePlanner(programs=programs, time_limit_s=options.time_limit_s, gap=options.gap)
-    planners: dict[str, CoursePlanner] = {"first": first, "best": best, "exact": exact}
+    planners: dict[str, Planner] = {"first": first, "best": best, "exact": exact}
     rows = []
     for index in range(options.count):
         path = options.out / f"{options.seed}-{index}-{options.gap:g}-{options.time_limit_s:g}.json"
@@ -126,7 +126,7 @@ def main(options: Arguments) -> None:
         show(rows)
 
 
-def measured(head: dict[str, Any], course: Course, planners: dict[str, CoursePlanner]) -> dict[str, Any]:
+def measured(head: dict[str, Any], course: Course, planners: dict[str, Planner]) -> dict[str, Any]:
     """What every planner answers."""
     return head | {"frames": course.frames} | {name: summary(one.solve(course)) for name, one in planners.items()}
 

@@ -35,7 +35,7 @@ from stancekit.planners.robot.urdf_reader import pinocchio
 from stancekit.planners.robot.workspace_cache import workspaces_of
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.methods import make_course_planner
+from stancekit.planners.search.methods import make_planner
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
 
@@ -65,7 +65,7 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
     except InvalidInput as error:
         return {"name": name, "refused": str(error)}
     started = time.process_time()
-    outcome = plan_with_reserve(make_course_planner("two-stage"), course)
+    outcome = plan_with_reserve(make_planner("two-stage", of="courses"), course)
     found: dict[str, Any] = {"name": name, "plan_s": time.process_time() - started, "status": outcome.status.value}
     if outcome.solution is not None:
         started = time.process_time()

@@ -34,7 +34,7 @@ from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.methods import make_course_planner
+from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted, AcceptedGait
@@ -121,7 +121,7 @@ def accepted(case: str, robots: Path | None, keep: Path) -> Accepted | AcceptedG
 def climb(course: Course, path: Path) -> Accepted | str:
     """The accepted plan of a course."""
     if not path.exists():
-        outcome = with_whole_body(plan_with_reserve(make_course_planner("two-stage"), course))
+        outcome = with_whole_body(plan_with_reserve(make_planner("two-stage", of="courses"), course))
         if outcome.solution is None:
             return outcome.message or outcome.status.value
         report = check_plan(outcome.solution, joints=True)

@@ -35,7 +35,7 @@ from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.methods import make_course_planner
+from stancekit.planners.search.methods import make_planner
 from stancekit.planners.verify import check_plan
 
 BUILT_IN = ("stairs", "walls", "icy-walls", "tube", "ground-to-wall")
@@ -110,7 +110,7 @@ def courses(options: Torques) -> Iterator[tuple[str, Course | str]]:
 def measured(name: str, course: Course, options: Torques) -> Row:
     """One row."""
     begin = time.process_time()
-    outcome = plan_with_reserve(make_course_planner("two-stage"), course)
+    outcome = plan_with_reserve(make_planner("two-stage", of="courses"), course)
     planned = time.process_time()
     row: dict[str, Any] = {"name": name, "frames": course.frames, "plan_s": planned - begin}
     if outcome.solution is None:

@@ -13,11 +13,11 @@ NAMES = {
     "stancekit.planners.relaxation.table:RELAXATIONS": (
         "stancekit.relaxations", ("p1", "joint", "coned", "lift"),
     ),
-    "stancekit.planners.search.methods:PLANNERS": (
+    "stancekit.planners.search.methods:METHODS": (
         "stancekit.planners", ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
     ),
-    "stancekit.planners.search.methods:COURSE_PLANNERS": (
-        "stancekit.course_planners", ("two-stage", "micp", "nlp", "decoupled", "exact"),
+    "stancekit.planners.search.methods:COURSE_METHODS": (
+        "stancekit.planners", ("two-stage", "micp", "nlp", "decoupled", "exact"),
     ),
     "stancekit.learners.training.fitting:METHODS": (
         "stancekit.methods",
@@ -25,8 +25,10 @@ NAMES = {
     ),
     "stancekit.learners.selectors.own:SELECTORS": ("stancekit.selectors", ()),
 }  # fmt: skip
-"""By registry: the group of other packages' names, and our own, for which `--help` would else load solvers and networks
-(a test holds them to be those of the registry)."""
+"""By registry, or by tuple of our own names: the group of other packages' names, and our own, for which `--help` would
+else load solvers and networks (a test holds them to be those that there are)."""
+OLD_GROUPS = {"stancekit.planners.search.methods:COURSE_METHODS": ("stancekit.course_planners",)}
+"""Groups of before, which are read for one more release."""
 
 
 def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
@@ -36,7 +38,9 @@ def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
         from importlib.metadata import entry_points
 
         group, ours = NAMES[registry]
-        names = list(dict.fromkeys([*ours, *(point.name for point in entry_points(group=group))]))
+        groups = (group, *OLD_GROUPS.get(registry, ()))
+        others = [point.name for each in groups for point in entry_points(group=each)]
+        names = list(dict.fromkeys([*ours, *others]))
         known = [f"default: {default}"] if default not in ("", "None") else []
         known += [f"one of {', '.join([*names, 'FILE.py:NAME'])}"] if names else []
         return f"({'; '.join(known)})" if known else ""

@@ -9,11 +9,14 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Optional, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeAlias
 
 import tyro
 
 from stancekit.planners.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from stancekit.planners.search.either import Kind
 
 OptionalPath: TypeAlias = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH")]  # noqa: UP045
 OptionalInt: TypeAlias = Annotated[Optional[int], tyro.conf.arg(metavar="INT")]  # noqa: UP045
@@ -22,12 +25,12 @@ OptionalText: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="TEXT")
 LONGEST_S = 1e6
 
 
-def check_planner(command: Any, by: str, known: Sequence[str], planners: Any) -> None:
+def check_planner(command: Any, by: str, known: Sequence[str], of: Kind) -> None:
     """Raise InvalidInput for a limit that is out of range, or an option that the planner does not know.
 
     command: has time_limit_s, intervals, and under ``by`` its planner.
     known: the names of the package's own.
-    planners: their registry.
+    of: the kind of question that it will be asked.
     """
     from stancekit.planners.search.methods import MOST_INTERVALS, settings_of
 
@@ -39,7 +42,7 @@ def check_planner(command: Any, by: str, known: Sequence[str], planners: Any) ->
     chosen = getattr(command, by)
     if chosen not in known:
         return
-    takes = {name: settings_of(name, planners) for name in known}
+    takes = {name: settings_of(name, of) for name in known}
     every = {one for taken in takes.values() for one in taken}
     for field in fields(command):
         setting = "envelopes" if field.name == "envelope" else field.name

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan
     from stancekit.planners.problem.course import Course
     from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
-    from stancekit.planners.search.answer import CoursePlanner
+    from stancekit.planners.search.answer import Planner
     from stancekit.planners.verify import Report
 
 SETTINGS = (
@@ -67,7 +67,7 @@ class PlanCourse:
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
     """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, or a terrain's file or name."""
-    planner: Annotated[str, named("stancekit.planners.search.methods:COURSE_PLANNERS")] = "two-stage"
+    planner: Annotated[str, named("stancekit.planners.search.methods:COURSE_METHODS")] = "two-stage"
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
     piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice. One of
     your own counts as far as the verifier accepts its plans and certificates."""
@@ -176,9 +176,9 @@ class PlanCourse:
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file that cannot be."""
         from stancekit.planners.files.writing import check_writable
-        from stancekit.planners.search.methods import COURSE_METHODS, COURSE_PLANNERS
+        from stancekit.planners.search.methods import COURSE_METHODS
 
-        check_planner(self, "planner", COURSE_METHODS, COURSE_PLANNERS)
+        check_planner(self, "planner", COURSE_METHODS, "courses")
         self._limits()
         if self.relaxation not in (None, "envelope"):  # as plans had p1
             from stancekit.planners.relaxation.table import RELAXATIONS
@@ -205,15 +205,10 @@ class PlanCourse:
             if first != option:
                 raise InvalidInput(f"{option}: expected another file than {first}, got {target} for both")
 
-    def _planner(self) -> CoursePlanner:
+    def _planner(self) -> Planner:
         from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.formats.answer_file import read_boxes
-        from stancekit.planners.search.methods import (
-            COURSE_PLANNERS,
-            PlannerOptions,
-            make_course_planner,
-            settings_of,
-        )
+        from stancekit.planners.search.methods import PlannerOptions, make_planner, settings_of
 
         given = {
             "relaxation": self.relaxation,
@@ -225,10 +220,10 @@ class PlanCourse:
             "intervals": self.intervals,
         }
         with as_options(*SETTINGS):
-            taken = settings_of(self.planner, COURSE_PLANNERS)
+            taken = settings_of(self.planner, "courses")
             options = PlannerOptions(time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine))
             settings = {name: value for name, value in given.items() if name in taken}
-            return make_course_planner(self.planner, options, **settings)
+            return make_planner(self.planner, options, of="courses", **settings)
 
     def _write(self, plan: Plan, report: Report[Plan]) -> None:
         """Write the files that were asked for. report: the verifier's, of this plan."""

@@ -45,7 +45,7 @@ class SolvePostures:
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Problem files, or - for standard input."""
-    method: Annotated[str, named("stancekit.planners.search.methods:PLANNERS")] = "exact"
+    method: Annotated[str, named("stancekit.planners.search.methods:METHODS")] = "exact"
     """exact: branch and bound. p1: relaxation over an envelope. lift: relaxation without one. two-stage: relaxation
     (over the envelope, or the lift) and projection. nlp: IPOPT. micp: piecewise McCormick grid. One of your own counts
     as far as the verifier accepts its postures and certificates."""
@@ -105,11 +105,11 @@ class SolvePostures:
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, or that the method does not know."""
-        from stancekit.planners.search.methods import METHODS, PLANNERS
+        from stancekit.planners.search.methods import METHODS
 
         if not self.files:
             raise InvalidInput("FILE: expected one or more problem files, got none (- is standard input)")
-        check_planner(self, "method", METHODS, PLANNERS)
+        check_planner(self, "method", METHODS, "postures")
         if self.method in METHODS and self.method not in LIMITED and self.time_limit_s is not None:
             raise InvalidInput(f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got {self.method}")
 

@@ -25,7 +25,7 @@ from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot import hexapod
-from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.course_features import CourseFeatures
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -93,7 +93,7 @@ class TraverseOptions(TypedDict, total=False):
     horizon: int
     amount: float
     envelopes: Sequence[Boxes] | None
-    planners: Sequence[CoursePlanner] | None
+    planners: Sequence[Planner] | None
     weights: TraverseWeights | Mapping[str, float]
     patience: int
     limbs: int | None
@@ -114,7 +114,7 @@ class TraverseSettings:
     horizon: int = 2
     amount: float = 1.0
     envelopes: Sequence[Boxes] | None = None
-    planners: Sequence[CoursePlanner] | None = None
+    planners: Sequence[Planner] | None = None
     weights: TraverseWeights | Mapping[str, float] = TraverseWeights()
     patience: int = 4
     limbs: int | None = None
@@ -234,7 +234,7 @@ def _limbs(spec: CourseSpec) -> int:
     return len(spec.make_robot().limbs) if model is None else len(model.legs)
 
 
-def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[CoursePlanner]:
+def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[Planner]:
     """The two-stage planner over the lift, and over each of the envelopes. Raises InvalidInput."""
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
@@ -242,7 +242,7 @@ def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> S
     return [TwoStageCoursePlanner(programs=programs), *(_within(each, programs) for each in given)]
 
 
-def check_selectors(planners: Sequence[CoursePlanner], source: CourseSource) -> None:
+def check_selectors(planners: Sequence[Planner], source: CourseSource) -> None:
     """Raise InvalidInput for a selector that no course has a stance for: it would be asked for nothing.
 
     Of a function, nobody knows before it draws.
@@ -276,7 +276,7 @@ def _read(path: str | Path) -> EnvelopeSet | Modes | LearnedSelector:
     return found
 
 
-def _within(given: EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector, programs: Programs) -> CoursePlanner:
+def _within(given: EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector, programs: Programs) -> Planner:
     if isinstance(given, EnvelopeSet | Modes | Sequence):
         return EnvelopeCoursePlanner(given, programs=programs)
     return SelectorPlanner(given.selector, class_envelopes(given), programs=programs)

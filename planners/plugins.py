@@ -20,7 +20,7 @@ import os
 import pickle
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
@@ -86,45 +86,47 @@ class Registry(Generic[T]):
         """All names: of this package, as its table has them, then of others. Nothing is imported."""
         return tuple(dict.fromkeys([*self._things, *(point.name for point in self._points())]))
 
-    def get(self, name: str) -> T:
+    def get(self, name: str, *, called: str = "", known: Sequence[str] = ()) -> T:
         """The thing of this name, or of "FILE.py:NAME".
+
+        called: what messages call it, where not by its kind. known: the names to say in place of all.
 
         A file is run once a process, under a module name of its own; other processes are best told the same text.
         Raises InvalidInput, one line, for a name that nobody has, a file that is not there or does not run, a name that
         it lacks, and a thing of the wrong kind.
         """
-        thing = self._things.get(name)
+        thing, where = self._things.get(name), f"{called or self.kind} {name}"
         if thing is None:
-            thing = self._elsewhere(name)
+            thing = self._elsewhere(name, called or self.kind, known)
         elif isinstance(thing, str):
             module, _, attribute = thing.partition(":")
-            thing = _attribute(_imported(module, f"{self.kind} {name}"), attribute, f"{self.kind} {name}")
+            thing = _attribute(_imported(module, where), attribute, where)
         if self._right.get(name) is not thing:
             if not self._accepts(thing):
-                raise InvalidInput(f"{self.kind} {name}: expected {self.expected}, got {shown(thing)}")
+                raise InvalidInput(f"{where}: expected {self.expected}, got {shown(thing)}")
             self._right[name] = cast(T, thing)
         return cast(T, thing)
 
-    def _elsewhere(self, name: str) -> Any:
+    def _elsewhere(self, name: str, called: str, known: Sequence[str]) -> Any:
         """From a file, or from another package."""
         path, colon, attribute = name.rpartition(":")
         if colon and path.endswith(".py"):
             return _attribute(_ran(Path(path)), attribute, path)
         if name.endswith(".py"):
-            raise InvalidInput(f"{self.kind}: expected FILE.py:NAME, got no name after {name}")
+            raise InvalidInput(f"{called}: expected FILE.py:NAME, got no name after {name}")
         for point in self._points():
             if point.name == name:
                 if point.group in self._old_groups:
                     said = f"entry point {name} of {point.group}: {self.group} is the group of these now"
                     warnings.warn(said, DeprecationWarning, stacklevel=3)
-                where = f"{self.kind} {name} of {point.value}"
+                where = f"{called} {name} of {point.value}"
                 return _attribute(_imported(point.module, where), point.attr, where)
-        raise self.unknown(name)
+        raise self.unknown(name, called, known)
 
-    def unknown(self, name: Any) -> InvalidInput:
-        """What to raise for a name that nobody has."""
-        known = ", ".join([*self.names(), *self._further])
-        return InvalidInput(f"{self.kind}: expected one of {known}, or FILE.py:NAME, got {shown(name)}")
+    def unknown(self, name: Any, called: str = "", known: Sequence[str] = ()) -> InvalidInput:
+        """What to raise for a name that nobody has; called, known: as for ``get``."""
+        names = ", ".join([*(known or self.names()), *self._further])
+        return InvalidInput(f"{called or self.kind}: expected one of {names}, or FILE.py:NAME, got {shown(name)}")
 
     def _points(self) -> Iterable[EntryPoint]:
         return [point for group in (self.group, *self._old_groups) for point in entry_points(group=group)]

@@ -15,7 +15,7 @@ from stancekit.planners.files.arrays import checked, checked_int
 from stancekit.planners.files.writing import check_new_folder, replaced
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.answer import Planner
 from stancekit.planners.terrain.families import SCENE, family_terrain, terrain_family
 from stancekit.planners.terrain.terrain import Terrain
 
@@ -32,7 +32,7 @@ class SceneVerdict:
     proof: str = ""
 
 
-def judged(planner: CoursePlanner, name: str) -> SceneVerdict:
+def judged(planner: Planner, name: str) -> SceneVerdict:
     """Whether the course FAMILY:LEVEL:SEED has a plan, by a planner whose answers are verified. Raises InvalidInput."""
     try:
         outcome = planner.solve(read_course(name))
@@ -44,7 +44,7 @@ def judged(planner: CoursePlanner, name: str) -> SceneVerdict:
 
 
 def export_scenes(
-    out: Path, family: str, level: float, *, count: int, planner: CoursePlanner, seed: int = 0, spacing_m: float = 0.02,
+    out: Path, family: str, level: float, *, count: int, planner: Planner, seed: int = 0, spacing_m: float = 0.02,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Write scenes ``seed`` to ``seed + count − 1`` into a new or empty folder, whole or not at all; and their index.

@@ -27,7 +27,7 @@ from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import builtin_scenes, read_course
 from stancekit.planners.search.kinematic import SOLVERS, KinematicPlanner
-from stancekit.planners.search.methods import PlannerOptions, make_course_planner
+from stancekit.planners.search.methods import PlannerOptions, make_planner
 from stancekit.planners.verify import check_plan, explain
 
 KINEMATIC = ("l1", "mip-highs", "mip-scip")
@@ -120,7 +120,7 @@ def _solved(course: Course, scene: str, method: str, settings: SceneBenchSetting
             time_limit_s=settings.time_limit_s,
         )  # fmt: skip
         return planner.solve(course)
-    return make_course_planner(method, PlannerOptions(time_limit_s=settings.time_limit_s)).solve(course)
+    return make_planner(method, PlannerOptions(time_limit_s=settings.time_limit_s), of="courses").solve(course)
 
 
 def _answer(course: Course, outcome: Answer[Plan]) -> dict[str, Any]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -27,30 +28,20 @@ GIVEN = "with the reach that the problem gives the legs of {}, whatever else the
 
 
 class Planner(Protocol):
-    """Anything that answers posture problems. ``name`` is the method's name on the command line."""
+    """Anything that answers problems: posture problems, courses, or both. ``name`` is its name on the command line."""
 
     name: str
 
-    def solve(self, problem: PostureProblem) -> Answer[Posture]:
+    def solve(self, problem: Any, /) -> Answer[Any]:
         """Answer one problem. Raises InvalidInput where the planner is not made for it."""
-        ...
-
-
-class CoursePlanner(Protocol):
-    """Anything that answers courses. ``name`` is its name on the command line."""
-
-    name: str
-
-    def solve(self, course: Course) -> Answer[Plan]:
-        """Answer one course. Raises InvalidInput where the planner is not made for it."""
         ...
 
 
 @runtime_checkable
 class Limitable(Protocol):
-    """A planner of courses whose time can be limited from outside."""
+    """A planner whose time can be limited from outside."""
 
-    def with_limit(self, limit_s: float) -> CoursePlanner:
+    def with_limit(self, limit_s: float) -> Planner:
         """The same planner, whose ``solve`` takes no longer than this [s], nor longer than it would."""
         ...
 
@@ -196,3 +187,13 @@ def objective_of(plan: Plan) -> float:
     cost += weights.com_step * float(np.sum(np.diff(plan.com_m, axis=0) ** 2))
     steps = np.array([plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, course.frames)])
     return cost + weights.toe_step * float(np.sum(steps**2))
+
+
+if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+    def __getattr__(name: str) -> Any:
+        """The names of before, for one release."""
+        if name == "CoursePlanner":
+            warnings.warn("CoursePlanner is old: Planner", DeprecationWarning, stacklevel=2)
+            return Planner
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -19,7 +19,8 @@ from ..answer.plan import Plan
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES, pressing, steady
 from ..terrain.patch import Patch
-from .answer import CoursePlanner, Limitable
+from .answer import Limitable, Planner
+from .either import part_of
 from .two_stage import TwoStageCoursePlanner
 
 LOG = logging.getLogger(__name__)
@@ -47,7 +48,7 @@ def slippery(course: Course, share: float) -> Course:
 
 
 def plan_with_reserve(
-    planner: CoursePlanner,
+    planner: Planner,
     course: Course,
     shares: Sequence[float] = SHARES,
     presses: Sequence[float] = PRESSES,
@@ -64,7 +65,7 @@ def plan_with_reserve(
     ``presses`` may take ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where the planner is not
     made for the course.
     """
-    begin = time.perf_counter()
+    begin, planner = time.perf_counter(), part_of(planner, "courses")
     if len(shares) > 1:
         deadline = min(deadline, begin + getattr(planner, "time_limit_s", math.inf))
     cautious = begin + CAUTION * (deadline - begin)
@@ -91,7 +92,7 @@ def plan_with_reserve(
     return outcome or Answer(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)
 
 
-def in_time(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
+def in_time(planner: Planner, deadline: float) -> Planner | None:
     """The planner with the time that is left to ``deadline`` (``time.perf_counter()``), None where none is.
 
     A planner whose time nobody can limit is the planner itself.
@@ -105,7 +106,7 @@ def in_time(planner: CoursePlanner, deadline: float) -> CoursePlanner | None:
 
 
 def _firmer(
-    planner: CoursePlanner, course: Course, outcome: Answer[Plan], presses: Sequence[float], deadline: float
+    planner: Planner, course: Course, outcome: Answer[Plan], presses: Sequence[float], deadline: float
 ) -> tuple[Answer[Plan], float]:
     """The same, or where its plan balances on an edge one that does not, and with how much of the weight its feet
     press at least: 0 for no such demand."""

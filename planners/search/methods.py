@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, get_args, runtime_checkable
 
@@ -15,7 +17,8 @@ from ..files.arrays import check_numbers, checked_choice
 from ..files.validation import shown
 from ..plugins import Registry, foreign, takes
 from ..projection.project import PROJECTIONS, Projection
-from .answer import Acceptance, CoursePlanner, Planner
+from .answer import Acceptance, Planner
+from .either import EitherPlanner, Kind, part_of
 
 if TYPE_CHECKING:  # what a planner needs is imported when it is asked for: a command waits for nothing else
     from ..relaxation.envelope import EnvelopeSet
@@ -48,6 +51,7 @@ class PlannerOptions:
     A planner from elsewhere is called with one, and reads settings as attributes, for example ``options.envelopes``.
 
     Arguments:
+        of: the kind of question that it will be asked; None where that may be either.
         time_limit_s: of one problem; ``POSTURE_LIMIT_S`` or ``COURSE_LIMIT_S`` where None [s].
         acceptance: when a claim counts.
         programs: compiled models to share; their engine solves the convex programs.
@@ -56,6 +60,7 @@ class PlannerOptions:
         InvalidInput: for a limit that is negative.
     """
 
+    of: Kind | None = None
     time_limit_s: float | None = None
     acceptance: Acceptance = field(default_factory=Acceptance)
     programs: Programs | None = None
@@ -88,16 +93,38 @@ class Method(Protocol):
     name: ClassVar[str]
 
     def planner(self, options: PlannerOptions) -> Planner:
-        """Make the planner of postures. Raises InvalidInput where there is none, or settings do not fit it."""
+        """Make the planner of what ``options.of`` says.
+
+        Raises InvalidInput where there is none, or settings do not fit the kind of question; where that may be either,
+        the planner raises it when it is asked.
+        """
         ...
 
-    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
-        """Make the planner of courses. Raises InvalidInput likewise."""
-        ...
+
+class _OfBoth:
+    """Mixin of the package's methods, which have a planner of each kind of question."""
+
+    name: ClassVar[str]
+
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner of what ``options.of`` says. Raises InvalidInput, see ``Method``."""
+        make: dict[Kind, Callable[[], Planner]] = {
+            "postures": lambda: self._of_postures(options),
+            "courses": lambda: self._of_courses(options),
+        }
+        return EitherPlanner(self.name, make) if options.of is None else make[options.of]()
+
+    def _of_postures(self, options: PlannerOptions) -> Planner:
+        """Make the planner of postures."""
+        raise InvalidInput(f"method: expected one for postures, got {self.name}, which plans courses")
+
+    def _of_courses(self, options: PlannerOptions) -> Planner:
+        """Make the planner of courses."""
+        raise InvalidInput(f"method: expected one for courses, got {self.name}, which answers postures")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exact:
+class Exact(_OfBoth):
     """Branch and bound to a verdict with its evidence; of courses to the best plan, for short ones.
 
     Arguments:
@@ -123,8 +150,7 @@ class Exact:
         check_argument("max_solves", self.max_solves, int | None)
         check_numbers(self, least=("gap", "max_solves"))
 
-    def planner(self, options: PlannerOptions) -> Planner:
-        """Make the planner of postures."""
+    def _of_postures(self, options: PlannerOptions) -> Planner:
         from .exact import ExactPlanner
 
         _check_of_postures(self, "gap")
@@ -135,8 +161,7 @@ class Exact:
             programs=options.programs,
         )
 
-    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
-        """Make the planner of courses."""
+    def _of_courses(self, options: PlannerOptions) -> Planner:
         from .exact import ExactCoursePlanner
 
         return ExactCoursePlanner(
@@ -149,7 +174,7 @@ class Exact:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwoStage:
+class TwoStage(_OfBoth):
     """The two stages of paper E: P1, a convex relaxation, then P2, a projection onto the bilinear surface m = p·f.
 
     Arguments:
@@ -200,8 +225,7 @@ class TwoStage:
         if not over_boxes and self.envelopes is not None:
             raise InvalidInput(f"envelopes: expected none for the {self.relaxation}, which has no use for them")
 
-    def planner(self, options: PlannerOptions) -> Planner:
-        """Make the planner of postures."""
+    def _of_postures(self, options: PlannerOptions) -> Planner:
         from .posture import TwoStagePlanner
 
         options.check_unlimited(self.name)
@@ -214,8 +238,7 @@ class TwoStage:
             programs=options.programs,
         )
 
-    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
-        """Make the planner of courses."""
+    def _of_courses(self, options: PlannerOptions) -> Planner:
         if self.projection is None:
             raise InvalidInput("projection: expected one for courses, got none")
         made: dict[str, Any] = {
@@ -243,7 +266,7 @@ class TwoStage:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Micp:
+class Micp(_OfBoth):
     """A piecewise McCormick grid, mixed-integer; needs the extra exact for other solvers than HiGHS.
 
     Arguments:
@@ -289,8 +312,7 @@ class Micp:
         if isinstance(self.envelopes, Modes):
             raise InvalidInput("envelopes: expected one envelope for micp, got modes")
 
-    def planner(self, options: PlannerOptions) -> Planner:
-        """Make the planner of postures."""
+    def _of_postures(self, options: PlannerOptions) -> Planner:
         from ..relaxation.micp import MicpGrid
         from .micp import MicpPlanner
 
@@ -306,8 +328,7 @@ class Micp:
             programs=options.programs,
         )
 
-    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
-        """Make the planner of courses."""
+    def _of_courses(self, options: PlannerOptions) -> Planner:
         from ..relaxation.micp import MicpGrid
         from .micp import MicpPlanner
 
@@ -324,7 +345,7 @@ class Micp:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Nlp:
+class Nlp(_OfBoth):
     """The nonlinear program as it is, solved by IPOPT.
 
     Source:
@@ -338,15 +359,13 @@ class Nlp:
 
     name: ClassVar[str] = "nlp"
 
-    def planner(self, options: PlannerOptions) -> Planner:
-        """Make the planner of postures."""
+    def _of_postures(self, options: PlannerOptions) -> Planner:
         from .nlp import NlpPlanner
 
         limit_s = options.limit(POSTURE_LIMIT_S)
         return NlpPlanner(acceptance=options.acceptance, time_limit_s=limit_s, programs=options.programs)
 
-    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
-        """Make the planner of courses."""
+    def _of_courses(self, options: PlannerOptions) -> Planner:
         from .nlp import NlpPlanner
 
         limit_s = options.limit(COURSE_LIMIT_S)
@@ -354,7 +373,7 @@ class Nlp:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decoupled:
+class Decoupled(_OfBoth):
     """Positions first and forces after, for courses: a baseline that fails on ice; done long before any time limit.
 
     Source:
@@ -367,12 +386,7 @@ class Decoupled:
 
     name: ClassVar[str] = "decoupled"
 
-    def planner(self, options: PlannerOptions) -> Planner:
-        """Raise InvalidInput."""
-        raise InvalidInput("method: expected one for postures, got decoupled, which plans courses")
-
-    def course_planner(self, options: PlannerOptions) -> CoursePlanner:
-        """Make the planner of courses."""
+    def _of_courses(self, options: PlannerOptions) -> Planner:
         from .decoupled import DecoupledPlanner
 
         return DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
@@ -428,6 +442,11 @@ METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")
 """The names of the package's own methods for postures."""
 COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
 """The names of those for courses."""
+OWN_OF: Mapping[Kind | None, tuple[str, ...]] = MappingProxyType(
+    {"postures": METHODS, "courses": COURSE_METHODS, None: tuple(OWN)}
+)
+OLD_GROUP = "stancekit.course_planners"
+"""The group of entry points that planners of courses were in before."""
 COURSE_ALONE = ("reserve", "envelope_use", "gap")
 """Settings that concern courses alone; of ``Micp`` also its projection, of ``TwoStage`` its limit of solves."""
 
@@ -444,97 +463,115 @@ def _accepted(it: Any) -> bool:
 PLANNERS: Registry[Make] = Registry(
     "method",
     "stancekit.planners",
-    {name: OWN[name] for name in METHODS},
+    OWN,
     expected="something to call with PlannerOptions",
     accepts=_accepted,
 )
-"""All planners of postures: called with ``PlannerOptions``, a class or function gives something with ``solve``."""
-COURSE_PLANNERS: Registry[Make] = Registry(
-    "planner",
-    "stancekit.course_planners",
-    {name: OWN[name] for name in COURSE_METHODS},
-    expected="something to call with PlannerOptions",
-    accepts=_accepted,
+"""All planners: called with ``PlannerOptions``, a class or function gives something with ``solve``, which answers
+posture problems, courses, or both. One that answers one kind alone says so by annotating what it is asked:
+``PostureProblem`` or ``Course``."""
+_OLD_COURSE_PLANNERS: Registry[Make] = Registry(
+    "planner", OLD_GROUP, {}, expected="something to call with PlannerOptions", accepts=_accepted
 )
-"""All planners of courses, likewise."""
+"""Planners of courses alone that packages, or ``register``, have put where they were before, for one release."""
+CALLED: Mapping[Kind | None, str] = MappingProxyType({"postures": "method", "courses": "planner", None: "method"})
+"""What messages call a planner."""
 
 
-def settings_of(name: str, planners: Registry[Make] = PLANNERS) -> tuple[str, ...]:
+def known(of: Kind | None = None) -> tuple[str, ...]:
+    """The names of all planners of this kind of question, as far as their names say; nothing is imported."""
+    more = () if of == "postures" else _OLD_COURSE_PLANNERS.names()
+    further = [name for name in (*PLANNERS.names(), *more) if name not in OWN]
+    return tuple(dict.fromkeys([*OWN_OF[of], *further]))
+
+
+def _named(name: str, of: Kind | None) -> Make:
+    """What makes the planner of this name. Raises InvalidInput for a name that nobody has for this kind of question."""
+    called = CALLED[of]
+    own = name in OWN  # whose kind of question is known without a look at other packages
+    if own and name not in OWN_OF[of]:
+        raise PLANNERS.unknown(name, called, known(of))
+    old = _OLD_COURSE_PLANNERS.registered() if own or ".py" in name else _OLD_COURSE_PLANNERS.names()
+    if name in old and (of == "courses" or name not in PLANNERS.names()):
+        if of == "postures":
+            raise InvalidInput(f"{called}: expected a planner of postures, got {name}, which answers courses alone")
+        said = f"planner {name} of {OLD_GROUP}, which answers courses alone: {PLANNERS.group} is the group of these now"
+        warnings.warn(said, DeprecationWarning, stacklevel=4)
+        return _OLD_COURSE_PLANNERS.get(name)
+    return PLANNERS.get(name) if own else PLANNERS.get(name, called=called, known=known(of))
+
+
+def settings_of(name: str, of: Kind | None = "postures") -> tuple[str, ...]:
     """The names of the settings that a method takes; of one from elsewhere all that there are.
 
-    planners: ``PLANNERS`` or ``COURSE_PLANNERS``.
+    of: the kind of question; None for the settings of either.
     """
-    make = planners.get(name)
+    make = _named(name, of)
     if not _is_own(make):
         return tuple(SETTINGS)
     taken = tuple(inspect.signature(make).parameters)
-    if planners is COURSE_PLANNERS:
+    if of != "postures":
         return taken
     more = "projection" if make is Micp else "max_solves" if make is TwoStage else ""
     return tuple(one for one in taken if one not in (*COURSE_ALONE, more))
 
 
-def make_planner(method: str | Method, options: PlannerOptions = PlannerOptions(), **settings: Any) -> Planner:
-    """Make a planner of postures.
+def make_planner(
+    method: str | Method, options: PlannerOptions = PlannerOptions(), *, of: Kind | None = None, **settings: Any
+) -> Planner:
+    """Make a planner.
 
     method: a value with its settings; or the text that stands for one, a name of ``PLANNERS`` or "FILE.py:NAME", with
-    ``settings``. What is not the package's own answers through the verifier.
+    ``settings``. What is not the package's own answers through the verifier. of: the kind of question that it will be
+    asked, in place of the one in ``options``: what does not fit it is refused at once.
     Raises InvalidInput for an unknown method, a setting that it does not take, an envelope that is missing, or a solver
     that is not installed.
     """
+    if of is not None and of != options.of:
+        options = replace(options, of=of)
+    of = options.of
     if not isinstance(method, str):
-        return _checked(method, settings).planner(options)
-    make = PLANNERS.get(method)
+        value = _checked(method, settings)
+        if of != "postures" and not isinstance(value, _OfBoth) and hasattr(value, "course_planner"):
+            return _of_both_as_before(value, options)
+        return value.planner(options)
+    make = _named(method, of)
     if _is_own(make):
-        return _value(make, method, settings, settings_of(method)).planner(options)
+        return _value(make, method, settings, settings_of(method, of)).planner(options)
     from .verified import VerifiedPlanner
 
-    with foreign(f"method {method}"):
-        planner = make(_copied(options, POSTURE_LIMIT_S, settings))
-    return VerifiedPlanner(planner, method, options.acceptance, settings.get("envelopes"))
+    whole_s = options.limit(POSTURE_LIMIT_S if of == "postures" else COURSE_LIMIT_S)
 
-
-def make_course_planner(
-    method: str | Method, options: PlannerOptions = PlannerOptions(), **settings: Any
-) -> CoursePlanner:
-    """Make a planner of courses, likewise; names are those of ``COURSE_PLANNERS``."""
-    if not isinstance(method, str):
-        return _checked(method, settings).course_planner(options)
-    make = COURSE_PLANNERS.get(method)
-    if _is_own(make):
-        taken = settings_of(method, COURSE_PLANNERS)
-        return _value(make, method, settings, taken).course_planner(options)
-    from .verified import VerifiedCoursePlanner
-
-    whole_s = options.limit(COURSE_LIMIT_S)
-
-    def remake(limit_s: float) -> CoursePlanner:
+    def remake(limit_s: float) -> Planner:
         limited = replace(options, time_limit_s=min(limit_s, whole_s))
         return make(_copied(limited, whole_s, settings))  # type: ignore[no-any-return]
 
-    with foreign(f"planner {method}"):
+    with foreign(f"{CALLED[of]} {method}"):
         planner = remake(whole_s)
-    return VerifiedCoursePlanner(planner, method, options.acceptance, remake)
+    return VerifiedPlanner(
+        planner, method, options.acceptance, called=CALLED[of], envelopes=settings.get("envelopes"), remake=remake
+    )
 
 
-def through_verifier(planner: Planner) -> Planner:
-    """A planner of postures, which answers through the verifier unless it is the package's own."""
-    if _is_of_the_package(planner):
-        _check_answers(planner, "PostureProblem", "postures")
-        return planner
-    from .verified import VerifiedPlanner
+def _of_both_as_before(method: Any, options: PlannerOptions) -> Planner:
+    """The planner of a method of before, which makes planners of courses by another function, for one release."""
+    warnings.warn(f"{method.name}.course_planner is old: planner(options), and options.of", DeprecationWarning, 4)
+    make: dict[Kind, Callable[[], Planner]] = {
+        "postures": lambda: method.planner(options),
+        "courses": lambda: method.course_planner(options),
+    }
+    return EitherPlanner(method.name, make) if options.of is None else make[options.of]()
 
-    return VerifiedPlanner(planner, _called(planner), Acceptance())
 
+def through_verifier(planner: Planner, of: Kind) -> Planner:
+    """A planner for this kind of question, which answers through the verifier unless it is the package's own."""
+    from .verified import VerifiedPlanner, check_answers
 
-def course_through_verifier(planner: CoursePlanner) -> CoursePlanner:
-    """A planner of courses, likewise."""
-    if _is_of_the_package(planner):
-        _check_answers(planner, "Course", "courses")
-        return planner
-    from .verified import VerifiedCoursePlanner
-
-    return VerifiedCoursePlanner(planner, _called(planner), Acceptance())
+    if type(planner).__module__.startswith("stancekit."):
+        part = part_of(planner, of)
+        check_answers(part, of, "method")
+        return part
+    return VerifiedPlanner(planner, _called(planner), Acceptance(), called=CALLED[of])
 
 
 def _value(make: Make, name: str, settings: Mapping[str, Any], taken: tuple[str, ...]) -> Method:
@@ -556,17 +593,6 @@ def _checked(method: Method, settings: Mapping[str, Any]) -> Method:
     return method
 
 
-def _is_of_the_package(planner: object) -> bool:
-    return type(planner).__module__.startswith("stancekit.")
-
-
-def _check_answers(planner: Any, kind: str, what: str) -> None:
-    """Raise InvalidInput for a planner of the package whose ``solve`` says that it answers another kind of question."""
-    asked = next(iter(inspect.signature(planner.solve).parameters.values())).annotation
-    if isinstance(asked, str) and kind not in asked:
-        raise InvalidInput(f"method: expected a planner of {what}, got {_called(planner)}, which answers a {asked}")
-
-
 def _called(planner: object) -> str:
     return str(getattr(planner, "name", type(planner).__name__))
 
@@ -581,3 +607,17 @@ def _copied(options: PlannerOptions, limit_s: float, settings: Mapping[str, Any]
         time_limit_s=options.limit(limit_s),
         settings=dict(settings),
     )
+
+
+if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+    def __getattr__(name: str) -> Any:
+        """The names of before, for one release."""
+        if name == "COURSE_PLANNERS":
+            warnings.warn("COURSE_PLANNERS is old: PLANNERS", DeprecationWarning, stacklevel=2)
+            return _OLD_COURSE_PLANNERS
+        if name == "make_course_planner":
+            new = 'make_planner(method, options, of="courses")'
+            warnings.warn(f"make_course_planner is old: {new}", DeprecationWarning, stacklevel=2)
+            return partial(make_planner, of="courses")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -19,7 +19,8 @@ from ..files.arrays import Array
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
-from .answer import CoursePlanner
+from .answer import Planner
+from .either import part_of
 from .friction_margin import SHARES, in_time, plan_with_reserve, slippery
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ NO_TIME = "no plan in the inner sets of the legs, and the time limit ended befor
 
 def plan_course(
     question: Course | LayOut,
-    planner: CoursePlanner,
+    planner: Planner,
     *,
     shares: Sequence[float] | None = None,
     presses: Sequence[float] | None = None,
@@ -60,6 +61,7 @@ def plan_course(
     and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques are asked for of a
     robot whose joints are not known.
     """
+    planner = part_of(planner, "courses")
     course = question("inner") if callable(question) else question
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else ALL_FRICTION
@@ -79,7 +81,7 @@ def plan_course(
 
 
 def _refuted(
-    inner: Answer[Plan], question: Course | LayOut, planner: CoursePlanner, share: float, deadline: float
+    inner: Answer[Plan], question: Course | LayOut, planner: Planner, share: float, deadline: float
 ) -> Answer[Plan]:
     """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
     try:

@@ -9,7 +9,7 @@ from ..answer.answer import Answer
 from ..answer.plan import Plan
 from ..problem.course import Course
 from ..projection.whole_body_limits import WholeBodyLimits
-from .answer import CoursePlanner
+from .answer import Planner
 from .plan_course import ALL_FRICTION, plan_course
 from .plan_window import Standing, course_window
 from .two_stage import TwoStageCoursePlanner
@@ -21,7 +21,7 @@ def replan(
     *,
     frame: int = 0,
     horizon: int | None = None,
-    planner: CoursePlanner | Callable[[Course], CoursePlanner] | None = None,
+    planner: Planner | Callable[[Course], Planner] | None = None,
     shares: Sequence[float] = ALL_FRICTION,
     presses: Sequence[float] = (),
     limits: WholeBodyLimits | None = None,
@@ -46,7 +46,7 @@ def replan(
     window = course_window(course, frame, last, state)
     if planner is None:
         planner = TwoStageCoursePlanner()
-    chosen: CoursePlanner = planner if hasattr(planner, "solve") else planner(window)  # type: ignore[assignment]
+    chosen: Planner = planner if hasattr(planner, "solve") else planner(window)  # type: ignore[assignment]
     start_rad = None if state is None else state.angles_rad
     return plan_course(
         window, chosen, shares=shares, presses=presses, limits=limits, start_rad=start_rad, deadline=deadline

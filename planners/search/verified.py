@@ -7,8 +7,9 @@ trusts one less than that has `stancekit verify` judge what was written.
 
 from __future__ import annotations
 
+import inspect
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,12 +24,15 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from .answer import Acceptance, Claim, Limitable
 from .clock import Clock
+from .either import Kind, kind_of
 
 if TYPE_CHECKING:
     from ..relaxation.envelope import EnvelopeSet
 
 Evidence = TypeVar("Evidence", Posture, Plan)
 Taken = TypeVar("Taken", Posture, Plan, Certificate)
+ASKED: Mapping[Kind, str] = {"postures": "PostureProblem", "courses": "Course"}
+"""The class that ``solve`` of a planner is annotated with which answers this kind of question alone."""
 NUMBERS = {
     Posture: ("com_m", "rotation_rad", "toes_m", "forces_n", "points_m", "point_forces_n"),
     Certificate: ("tree", "multipliers"),
@@ -38,55 +42,66 @@ NUMBERS = {
 
 
 class VerifiedPlanner:
-    """A planner of postures from elsewhere; its ``solve`` gives an ``Answer``, or a posture or certificate alone.
+    """A planner from elsewhere; its ``solve`` gives an ``Answer``, or a posture, a plan or a certificate alone.
 
-    None, and an answer without evidence, is undecided, whatever it claims. envelopes: that it was made with.
+    None, and an answer without evidence, is undecided, whatever it claims. A plan is taken for one of the course that
+    was asked for; bounds on its objective come without proof, and are left. called: what messages call it. envelopes:
+    that it was made with. remake: a function that makes the planner anew with another time limit [s]; None where there
+    is no such function.
     """
 
     def __init__(
-        self, planner: Any, name: str, acceptance: Acceptance, envelopes: EnvelopeSet | None = None
+        self,
+        planner: Any,
+        name: str,
+        acceptance: Acceptance,
+        *,
+        called: str = "method",
+        envelopes: EnvelopeSet | None = None,
+        remake: Callable[[float], Any] | None = None,
     ) -> None:
-        self._planner, self.name, self._acceptance = _solving(planner, f"method {name}"), name, acceptance
-        self._envelopes = envelopes
+        self.name, self._acceptance, self._where = name, acceptance, f"{called} {name}"
+        self._planner, self._called = _solving(planner, self._where), called
+        self._envelopes, self._remake = envelopes, remake
 
-    def solve(self, problem: PostureProblem) -> Answer[Posture]:
-        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that
-        raises, and envelopes that were learned for other problems."""
-        if self._envelopes is not None:
-            self._envelopes.check_fits(problem)
-        clock = Clock.start()
-        claim, solves = _asked(self._planner, problem, f"method {self.name}", Posture)
-        clock.count(solves, 0.0)
-        return self._acceptance.answer(problem, claim, method=self.name, clock=clock)
-
-
-class VerifiedCoursePlanner:
-    """A planner of courses from elsewhere; its ``solve`` gives an ``Answer``, or a plan or certificate alone.
-
-    A plan is taken for one of the course that was asked for; bounds on its objective come without proof, and are left.
-    remake: a function that makes the planner anew with another time limit [s]; None where there is no such function.
-    """
-
-    def __init__(
-        self, planner: Any, name: str, acceptance: Acceptance, remake: Callable[[float], Any] | None = None
-    ) -> None:
-        self._planner, self.name, self._acceptance = _solving(planner, f"planner {name}"), name, acceptance
-        self._remake = remake
-
-    def with_limit(self, limit_s: float) -> VerifiedCoursePlanner:
+    def with_limit(self, limit_s: float) -> VerifiedPlanner:
         """The planner made anew with this time limit [s]; itself where nobody can limit it."""
         if self._remake is None and not isinstance(self._planner, Limitable):
             return self
-        with foreign(f"planner {self.name}"):
+        with foreign(self._where):
             planner = self._planner.with_limit(limit_s) if self._remake is None else self._remake(limit_s)
-        return VerifiedCoursePlanner(planner, self.name, self._acceptance, self._remake)
+        return VerifiedPlanner(
+            planner, self.name, self._acceptance, called=self._called, envelopes=self._envelopes, remake=self._remake
+        )
 
-    def solve(self, course: Course) -> Answer[Plan]:
-        """As ``VerifiedPlanner.solve``."""
+    def solve(self, problem: PostureProblem | Course) -> Answer[Any]:
+        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that
+        raises or answers another kind of question alone, and envelopes that were learned for other problems."""
+        check_answers(self._planner, kind_of(problem), self._where)
+        if self._envelopes is not None and isinstance(problem, PostureProblem):
+            self._envelopes.check_fits(problem)
         clock = Clock.start()
-        claim, solves = _asked(self._planner, course, f"planner {self.name}", Plan, course=course)
+        if isinstance(problem, Course):
+            planned, solves = _asked(self._planner, problem, self._where, Plan, course=problem)
+            clock.count(solves, 0.0)
+            return self._acceptance.answer(problem, planned, method=self.name, clock=clock)
+        held, solves = _asked(self._planner, problem, self._where, Posture)
         clock.count(solves, 0.0)
-        return self._acceptance.answer(course, claim, method=self.name, clock=clock)
+        return self._acceptance.answer(problem, held, method=self.name, clock=clock)
+
+
+def check_answers(planner: Any, kind: Kind, where: str) -> None:
+    """Raise InvalidInput for a planner whose ``solve`` says, by the annotation of what it is asked, that it answers
+    another kind of question alone. where: what the message begins with."""
+    try:
+        asked = next(iter(inspect.signature(planner.solve).parameters.values()), None)
+    except (TypeError, ValueError):  # it does not say
+        return
+    said = getattr(asked, "annotation", inspect.Parameter.empty)
+    text = said if isinstance(said, str) else getattr(said, "__name__", "")
+    kinds: set[Kind] = {each for each, name in ASKED.items() if name in text}
+    if kinds and kind not in kinds:
+        raise InvalidInput(f"{where}: expected a planner of {kind}, got one that answers {kinds.pop()} alone")
 
 
 def _asked(

@@ -23,7 +23,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course import Course, Stance
 from stancekit.planners.relaxation.boxes import MIRROR, StanceBoxes, boxes_of, check_fits_one, mirrored, mirrored_box
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
@@ -61,7 +61,7 @@ class SelectorPolicy:
         self._selector, self._programs = selector, programs or Programs()
         self._lift = TwoStageCoursePlanner(programs=self._programs)
 
-    def __call__(self, observation: Observation) -> CoursePlanner:
+    def __call__(self, observation: Observation) -> Planner:
         """The planner of the coming key frames."""
         within = None
         with suppress(InvalidInput):  # legs or patches that nothing was learned of

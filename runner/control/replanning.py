@@ -20,7 +20,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
-from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.plan_window import Standing, one_at_a_time, with_pause
 from stancekit.planners.search.replan import replan
@@ -48,7 +48,7 @@ class Observation:
     frame: int
 
 
-Policy = Callable[[Observation], CoursePlanner]
+Policy = Callable[[Observation], Planner]
 
 
 class Replanner:
@@ -127,7 +127,7 @@ class Replanner:
     ) -> Answer[Plan]:  # fmt: skip
         """What a policy's planner says of a course with this share of its friction."""
 
-        def planner_of(window: Course) -> CoursePlanner:
+        def planner_of(window: Course) -> Planner:
             observation = Observation(
                 window=window, standing=standing, state=self._runner.state, friction_share=share, frame=frame
             )

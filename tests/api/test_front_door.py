@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.search.methods import make_course_planner, make_planner
+from stancekit.planners.search.methods import make_planner
 
 BLOCK = """v -1 -1 0
 v 1 -1 0
@@ -67,10 +67,20 @@ def test_settings_of_courses_are_refused_with_postures():
 
 
 def test_a_planner_of_another_kind_of_question_is_refused():
-    refused("method: ", lambda: stancekit.solve(problem(), make_course_planner("two-stage")))
-    refused("method: ", lambda: stancekit.plan("stairs", make_planner("exact"), frames=2))
+    refused("method: ", lambda: stancekit.solve(problem(), make_planner("two-stage", of="courses")))
+    refused("method: ", lambda: stancekit.plan("stairs", make_planner("exact", of="postures"), frames=2))
     for name in ("nlp", "two-stage", "micp", "decoupled"):
-        assert stancekit.plan("stairs", make_course_planner(name), frames=2).status is stancekit.Status.FEASIBLE
+        assert stancekit.plan("stairs", make_planner(name, of="courses"), frames=2).status is stancekit.Status.FEASIBLE
+
+
+def test_one_planner_answers_postures_and_courses():
+    made = make_planner("two-stage")
+    assert stancekit.solve(problem(), made).status is not stancekit.Status.UNDECIDED
+    found = stancekit.plan("stairs", made, frames=2)
+    assert found.status is stancekit.Status.FEASIBLE
+    assert made.solve(found.problem).status is stancekit.Status.FEASIBLE
+    refused("method: expected one for postures, ", lambda: make_planner("decoupled").solve(problem()))
+    refused("gap: expected none of exact for postures", lambda: make_planner("exact", gap=0.5).solve(problem()))
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -80,7 +90,7 @@ def test_old_arguments_are_taken_as_they_were_or_refused():
         assert found is not None
         return float(found.provenance.get("friction_share", 1.0))
 
-    made = make_course_planner("two-stage")
+    made = make_planner("two-stage", of="courses")
     assert (share(made), share(made, reserve=False), share("two-stage", reserve=False)) == (0.8, 1.0, 1.0)
     assert share("nlp", reserve=False) == 1.0
     refused("reserve: ", lambda: stancekit.plan("stairs", stancekit.TwoStage(), frames=2, reserve=False))

@@ -9,6 +9,7 @@ import pytest
 
 import stancekit
 from stancekit import Answer, Posture, Status
+from stancekit.planners.search import methods
 from stancekit.planners.search.exact import ExactPlanner
 
 
@@ -96,3 +97,73 @@ def test_an_answer_is_verified_by_what_it_rests_on(held, refuted):
     assert not stancekit.verify(forged).accepted
     with pytest.raises(stancekit.InvalidInput, match="expected an answer with a solution or a proof"):
         stancekit.verify(Answer(status=Status.UNDECIDED, method="mine"))
+
+
+ONE_KIND = """
+class Postures:
+    def __init__(self, options):
+        pass
+
+    def solve(self, problem: "PostureProblem"):
+        return None
+
+class Courses:
+    def __init__(self, options):
+        pass
+
+    def solve(self, course: "Course"):
+        return None
+
+class Both:
+    def __init__(self, options):
+        pass
+
+    def solve(self, problem):
+        return None
+"""
+
+
+def test_a_planner_of_one_kind_of_question_says_so_where_it_is_asked_another(tmp_path, held):
+    path = tmp_path / "kinds.py"
+    path.write_text(ONE_KIND, encoding="utf-8")
+    course = stancekit.load("stairs")
+    for name, kinds in (("Postures", "postures"), ("Courses", "courses"), ("Both", "postures courses")):
+        asked = f"{path}:{name}"
+        for kind, ask in (
+            ("postures", lambda asked=asked: stancekit.solve(held.problem, asked)),
+            ("courses", lambda asked=asked: stancekit.plan(course, asked)),
+        ):
+            if kind in kinds:
+                assert ask().status is Status.UNDECIDED
+                continue
+            said = f"expected a planner of {kind}, got one that answers {kinds} alone$"
+            with pytest.raises(stancekit.InvalidInput, match=said):
+                ask()
+
+
+def test_a_planner_of_courses_in_the_group_of_before_works_and_says_so(held, monkeypatch):
+    monkeypatch.setattr(methods._OLD_COURSE_PLANNERS, "_things", {"theirs": lambda _: Says(None)})
+    with pytest.warns(DeprecationWarning, match=r"theirs of stancekit\.course_planners, which answers courses alone"):
+        assert stancekit.plan(stancekit.load("stairs"), "theirs").status is Status.UNDECIDED
+    with pytest.raises(stancekit.InvalidInput, match=r"got theirs, which answers courses alone$"):
+        stancekit.solve(held.problem, "theirs")
+    assert "theirs" in methods.known("courses")
+    assert "theirs" not in methods.known("postures")
+
+
+def test_a_method_of_before_makes_planners_of_courses_in_a_way_of_its_own(held):
+    class Mine:
+        name = "mine"
+
+        def planner(self, options):
+            return Says(held)
+
+        def course_planner(self, options):
+            return Says(None)
+
+    with pytest.warns(DeprecationWarning, match=r"mine\.course_planner is old"):
+        planner = methods.make_planner(Mine(), of="courses")
+    assert planner.solve(None) is None
+    assert methods.make_planner(Mine(), of="postures").solve(held.problem) is held
+    with pytest.warns(DeprecationWarning, match="make_course_planner is old"):
+        assert methods.make_course_planner("two-stage").reserve

@@ -96,7 +96,7 @@ def test_no_plan_is_exit_code_1_and_says_why(status, plan, monkeypatch, tmp_path
         def solve(self, course):
             return Answer(status=status, method=self.name, problem=course, message=why)
 
-    monkeypatch.setattr("stancekit.planners.search.methods.make_course_planner", lambda *_, **__: Refusing())
+    monkeypatch.setattr("stancekit.planners.search.methods.make_planner", lambda *_, **__: Refusing())
     code, out, err = plan("walls", "--out", "climb.json")
     assert code == 1
     assert err == f"stancekit: no plan: walls: {why}\n"

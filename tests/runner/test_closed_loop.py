@@ -15,7 +15,7 @@ pytest.importorskip("mujoco")
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
@@ -37,7 +37,7 @@ PLANNER = TwoStageCoursePlanner()
 def looped(share: float, settings: LoopSettings, frames: int = 3) -> tuple[LoopReport, list[Observation]]:
     seen: list[Observation] = []
 
-    def policy(observation: Observation) -> CoursePlanner:
+    def policy(observation: Observation) -> Planner:
         seen.append(observation)
         return PLANNER
 
@@ -64,7 +64,7 @@ def test_the_ending_of_a_loop_that_is_stopped_waits_for_no_planner() -> None:
     course, world, over = read_course("walls", frames=3), MemoryWorld(), threading.Event()
     windows = list[int]()
 
-    def policy(observation: Observation) -> CoursePlanner:
+    def policy(observation: Observation) -> Planner:
         windows.append(observation.frame)
         if observation.frame:
             world.latch.trip("button")

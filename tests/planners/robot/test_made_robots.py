@@ -19,7 +19,7 @@ from stancekit.planners.robot.robot_file import ContactKeys, named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.walker import walker_of
-from stancekit.planners.search.methods import make_course_planner
+from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.obstacles import Obstacles
@@ -50,7 +50,7 @@ def planned(path: Path, model: RobotModel) -> tuple[Any, Any]:
         f"goal_m: [0, 0, {model.stand_height_m}]\nterrain: {{kind: flat, friction: 0.7}}\n"
     )
     course = read_course(path.parent / "course.yaml")
-    outcome = plan_course(course, make_course_planner("two-stage"))
+    outcome = plan_course(course, make_planner("two-stage", of="courses"))
     return outcome.solution, outcome.report
 
 

@@ -43,4 +43,4 @@ def test_every_method_answers_with_evidence_and_never_against_the_exact_one(meth
 
 def test_an_unknown_method_is_refused():
     with pytest.raises(InvalidInput, match=r"exact, p1, lift, two-stage, nlp, micp, or FILE\.py:NAME, got 'magic'$"):
-        make_planner("magic")
+        make_planner("magic", of="postures")

@@ -1,0 +1,44 @@
+"""One planner per method: it answers postures and courses, by two parts that are made when they are first asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
+
+from ..answer.answer import Answer
+from ..problem import PostureProblem
+from ..problem.course import Course
+from .answer import Planner
+
+Kind = Literal["postures", "courses"]
+"""The two kinds of question that planners are asked."""
+
+
+class EitherPlanner:
+    """The planner of a method that nobody has said what it will be asked.
+
+    name: of the method. make: by kind of question, a function that makes the planner of it, or raises InvalidInput.
+    """
+
+    def __init__(self, name: str, make: Mapping[Kind, Callable[[], Planner]]) -> None:
+        self.name, self._make, self._made = name, make, dict[Kind, Planner]()
+
+    def solve(self, problem: PostureProblem | Course) -> Answer[Any]:
+        """Answer one problem. Raises InvalidInput where the method, or a setting of it, is not for its kind."""
+        return self.part(kind_of(problem)).solve(problem)
+
+    def part(self, kind: Kind) -> Planner:
+        """The planner of this kind of question. Raises InvalidInput likewise."""
+        if kind not in self._made:
+            self._made[kind] = self._make[kind]()
+        return self._made[kind]
+
+
+def kind_of(problem: PostureProblem | Course) -> Kind:
+    """What kind of question a problem is."""
+    return "courses" if isinstance(problem, Course) else "postures"
+
+
+def part_of(planner: Planner, kind: Kind) -> Planner:
+    """What answers this kind of question in a planner: a part of it, or all of it."""
+    return planner.part(kind) if isinstance(planner, EitherPlanner) else planner
