@@ -26,10 +26,10 @@ from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 from .alternatives import AS_ASKED, Alternative
 from .candidates import NoPlace
-from .course import MOST_FRAMES, Course
 from .course_keys import CourseSpec
 from .course_layout import build_course
 from .file_terrain import FileTerrain
+from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def laid_between(
     *,
     robot: Robot | str | None = None,
     frames: int | None = None,
-) -> Callable[[Sets, Alternative], Course]:
+) -> Callable[[Sets, Alternative], Problem]:
     """What lays out the course over a terrain from one place (x, y) [m] to another, see ``course_between``.
 
     terrain: its footholds, or its file.
@@ -131,7 +131,7 @@ def laid_between(
     over = FileTerrain.of(terrain) if isinstance(terrain, Footholds) else FileTerrain(file=str(Path(terrain).resolve()))
     who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
 
-    def laid_out(sets: Sets, alternative: Alternative = AS_ASKED) -> Course:
+    def laid_out(sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
         try:
             spec = course_between(over, start, goal, robot=who, frames=count, alternative=alternative)
             return build_course(spec, sets=sets)

@@ -17,8 +17,8 @@ from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
 from .alternatives import AS_ASKED, Alternative
 from .candidates import CandidatePatches, NoFooting, NoPlace
-from .course import Course, Foothold, Weights
 from .course_keys import CourseSpec, StanceSpec
+from .problem import Foothold, Problem, Weights
 from .toe_offset import toe_offset
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def build_course(
     sets: Sets = "inner",
     reach: str | Path | None = None,
     alternative: Alternative = AS_ASKED,
-) -> Course:
+) -> Problem:
     """The course that a description means.
 
     folder: where relative paths of files begin. sets: of legs, see ``contact_robot``. reach: a folder of polytopes in
@@ -63,7 +63,7 @@ def build_course(
     footholds, placed = _footholds(
         spec, placed_by, lifts, com_m, radius, passed, CandidatePatches(terrain, spec.candidates.margin_m)
     )
-    return Course(
+    return Problem(
         name=spec.name, robot=robot, terrain=terrain.patches, footholds=footholds, lifts=lifts,
         next_lift=turns[(spec.frames - 1) % len(turns)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
         steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),

@@ -156,7 +156,7 @@ class Restoration:
             self._plan.course, arms, self._patches[frame], np.isin(np.arange(scaled.layout.limbs), limbs),
             loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
             reserves=(self.friction_share,), least=float(least),
-            push=scaled.pushes[stance] if scaled.layout.pushes else None,
+            push=scaled.pushes[stance] / scaled.weight if scaled.layout.pushes else None,
         )  # fmt: skip
         if world is None:
             return None

@@ -17,8 +17,7 @@ from functools import cache
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput
-from ..files.arrays import Array
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.support_margin import PRESSES, PUSHES, pressing, push_share, pushed, steady
 from ..terrain.patch import Patch
 from .answer import Limitable, Planner
@@ -33,7 +32,7 @@ CAUTION = 0.5
 TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
-def slippery(course: Course, share: float) -> Course:
+def slippery(course: Problem, share: float) -> Problem:
     """The course with this share of its friction everywhere."""
     if share == 1.0:
         return course
@@ -51,7 +50,7 @@ def slippery(course: Course, share: float) -> Course:
 
 def plan_with_reserve(
     planner: Planner,
-    course: Course,
+    course: Problem,
     shares: Sequence[float] = SHARES,
     presses: Sequence[float] = PRESSES,
     *,
@@ -86,7 +85,7 @@ def plan_with_reserve(
         if outcome.solution is not None:
             outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
             outcome, push = (
-                _braced(planner, pressing(dulled, press), outcome, course.force_min, cautious)
+                _braced(planner, pressing(dulled, press), outcome, dulled, cautious)
                 if presses
                 else (outcome, 0.0)
             )
@@ -116,7 +115,7 @@ def in_time(planner: Planner, deadline: float) -> Planner | None:
 
 
 def _firmer(
-    planner: Planner, course: Course, outcome: Answer[Plan], presses: Sequence[float], deadline: float
+    planner: Planner, course: Problem, outcome: Answer[Plan], presses: Sequence[float], deadline: float
 ) -> tuple[Answer[Plan], float]:
     """The same, or where its plan balances on an edge one that does not, and with how much of the weight its feet
     press at least: 0 for no such demand."""
@@ -134,12 +133,12 @@ def _firmer(
 
 
 def _braced(
-    planner: Planner, course: Course, outcome: Answer[Plan], least: Array, deadline: float
+    planner: Planner, course: Problem, outcome: Answer[Plan], own: Problem, deadline: float
 ) -> tuple[Answer[Plan], float]:
     """The same, or where some stance of its plan bears no push one whose stances do; and the share of the weight that
-    they bear: 0 for none. least: bounds of the forces that hold under a push."""
+    they bear: 0 for none. own: the course without feet that have to press."""
     assert outcome.solution is not None
-    borne = push_share(replace(outcome.solution, course=replace(course, force_min=least)))
+    borne = push_share(replace(outcome.solution, course=own))
     for share in PUSHES:
         limited = None if share <= borne else in_time(_quick(planner), deadline)
         if limited is None:
@@ -158,7 +157,7 @@ def _quick(planner: Planner) -> Planner:
     return planner
 
 
-def check_push(course: Course, planner: Planner) -> None:
+def check_push(course: Problem, planner: Planner) -> None:
     """Raise InvalidInput where a course asks for a push and the planner knows none, or no posture can bear it."""
     if course.push_n == 0.0:
         return
@@ -167,7 +166,7 @@ def check_push(course: Course, planner: Planner) -> None:
             f"push_n: expected 0 N with {planner.name}, got {course.push_n:g} N: two-stage alone knows pushes"
         )
     strongest = max(patch.friction for patch in course.terrain)
-    most = len(course.robot.limbs) * float(course.force_max.max()) * max(strongest, 1.0) * course.weight_n
+    most = len(course.robot.limbs) * float(course.force_bounds[1].max()) * max(strongest, 1.0) * course.force_n
     if course.push_n > most:
         raise InvalidInput(
             f"push_n: expected at most {most:.4g} N, which all feet together can hold, got {course.push_n:g}"

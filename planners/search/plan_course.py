@@ -16,9 +16,9 @@ from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
+from ..problem import Problem
 from ..problem.alternatives import AS_ASKED, Alternative
 from ..problem.candidates import NoPlace
-from ..problem.course import Course
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
@@ -28,7 +28,7 @@ from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, sli
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
 
-LayOut = Callable[["Sets", Alternative], Course]
+LayOut = Callable[["Sets", Alternative], Problem]
 """A function that lays a course out over the inner or the outer sets of the robot's legs, in one of several ways."""
 FIRST = 0.6
 """Fraction of the time that the layout that was asked for has, where others can be tried."""
@@ -41,7 +41,7 @@ NO_TIME = "no plan in the inner sets of the legs, and the time limit ended befor
 
 
 def plan_course(
-    question: Course | LayOut,
+    question: Problem | LayOut,
     planner: Planner,
     *,
     shares: Sequence[float] | None = None,
@@ -76,7 +76,7 @@ def plan_course(
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
 
-    def answered(course: Course, end: float) -> Answer[Plan]:
+    def answered(course: Problem, end: float) -> Answer[Plan]:
         if push_n > course.push_n:
             course = replace(course, push_n=push_n)
         check_push(course, planner)
@@ -100,7 +100,7 @@ def plan_course(
 def _laid_out(
     question: LayOut,
     layouts: Sequence[Alternative],
-    answered: Callable[[Course, float], Answer[Plan]],
+    answered: Callable[[Problem, float], Answer[Plan]],
     deadline: float,
 ) -> Answer[Plan]:
     """The answer over the first layout that has a plan; else over the first of all.
@@ -144,7 +144,7 @@ def _of_layout(outcome: Answer[Plan], alternative: Alternative) -> Answer[Plan]:
 
 
 def _refuted(
-    inner: Answer[Plan], question: Course | LayOut, planner: Planner, share: float, deadline: float
+    inner: Answer[Plan], question: Problem | LayOut, planner: Planner, share: float, deadline: float
 ) -> Answer[Plan]:
     """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
     try:

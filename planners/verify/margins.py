@@ -25,7 +25,7 @@ from scipy.sparse import csc_array
 from ..answer.plan import Plan
 from ..answer.report import Group
 from ..files.arrays import Array
-from ..problem.course import Course, Stance
+from ..problem.problem import Problem, Stance
 from .geometry import contact_frames, cross
 
 CLOSE = 0.02
@@ -68,7 +68,7 @@ class _Contacts:
         arms_m: from the centre of mass to the points that bear, shape (n, 3) [m].
         frames: R_WC of each, shape (n, 3, 3).
         friction: of each, shape (n,).
-        low, high: bounds of (f_n, f_y, f_z), in units of the weight, shape (3,).
+        low, high: bounds of (f_n, f_y, f_z), in units of the weight, shape (n, 3).
         weight_n: of the robot [N].
     """
 
@@ -130,7 +130,7 @@ class _Program:
         slope[::3] = -friction_share * at.friction
         dense[self._cone_rows] = slope
         right = np.zeros(len(dense))
-        right[2], right[6 : 6 + 3 * n], right[6 + 3 * n : 6 + 6 * n] = 1.0, np.tile(at.high, n), -np.tile(at.low, n)
+        right[2], right[6 : 6 + 3 * n], right[6 + 3 * n : 6 + 6 * n] = 1.0, at.high.ravel(), -at.low.ravel()
         self._solver.update(A=dense[self._places].tolist(), b=right.tolist())
         still = [0.0] * (3 * n)
 
@@ -149,7 +149,7 @@ SHIFT = np.array([*np.zeros((3, 2)), [0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
 
 
 def stance_margins(plan: Plan, *, pushes_alone: bool = False) -> tuple[StanceMargin, ...]:
-    """The margin of every stance of a plan, in the order of ``Course.stances``.
+    """The margin of every stance of a plan, in the order of ``Problem.stances``.
 
     pushes_alone: measure the pushes, and leave the rest at nan.
     """
@@ -218,7 +218,7 @@ def margin_group(plan: Plan) -> Group:
     )
 
 
-def _asked_push(course: Course) -> float:
+def _asked_push(course: Problem) -> float:
     """The push that every stance has to bear [N]."""
     return course.push_n
 
@@ -230,14 +230,15 @@ def _contacts(plan: Plan, stance: Stance) -> _Contacts:
     chosen = [course.patch(foot, plan.choice) for foot in feet]
     offsets = [course.offsets_m[foot][int(plan.choice[foot])] for foot in feet]
     counts = [len(its) for its in offsets]
+    low, high = (course.force_n / course.weight_n * bounds[feet] for bounds in course.force_bounds)
     axes = np.array([(patch.normal, patch.shear_reference) for patch in chosen])
     points = np.concatenate([plan.toes_m[foot] + its for foot, its in zip(feet, offsets, strict=True)])
     return _Contacts(
         arms_m=points - plan.com_m[stance.frame],
         frames=np.repeat(contact_frames(axes[:, 0], axes[:, 1]), counts, axis=0),
         friction=np.repeat([patch.friction for patch in chosen], counts),
-        low=course.force_min,
-        high=course.force_max,
+        low=np.repeat(low, counts, axis=0),
+        high=np.repeat(high, counts, axis=0),
         weight_n=course.weight_n,
     )
 

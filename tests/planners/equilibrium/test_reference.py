@@ -17,7 +17,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import Given
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.projection.held import FixForces, FixToes, Linearised
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.domain import domain_of
@@ -61,7 +61,7 @@ def scaled(drawn, mixed, ragged, bounded, soled, paired) -> Callable[[tuple[obje
     return lambda which: Scaled.of(find(which))
 
 
-def pushed(course: Course) -> Course:
+def pushed(course: Problem) -> Problem:
     """The same with a push of a tenth of the weight in every stance, and toes drawn to where they are as it stands."""
     shoulders = np.array([limb.shoulder_m for limb in course.robot.limbs])
     standing = np.tile(shoulders + np.array([0.02, 0.01, -0.2]), (course.frames, 1, 1))

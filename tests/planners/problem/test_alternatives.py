@@ -9,9 +9,9 @@ import pytest
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.candidates import CandidatePatches, NoPlace
-from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course, read_spec
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course
@@ -51,7 +51,7 @@ def test_further_candidates_are_offered() -> None:
 def test_others_are_tried_where_the_first_has_no_place_for_a_toe() -> None:
     tried = list[str]()
 
-    def question(_: object, alternative: Alternative) -> Course:
+    def question(_: object, alternative: Alternative) -> Problem:
         tried.append(alternative.message)
         if alternative is not ALTERNATIVES[2]:
             raise NoPlace(f"frame 0: nowhere ({len(tried)})")

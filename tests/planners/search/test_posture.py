@@ -240,17 +240,18 @@ def test_planners_are_made_by_name(learned):
     names = {}
     for method in METHODS:
         some = boxed(learned, learned.envelopes[0]) if "envelopes" in settings_of(method) else None
-        names[method] = make_planner(method, envelopes=some).name
+        names[method] = make_planner(method, envelopes=some, of="postures").name
     assert set(names) == {"exact", "p1", "lift", "two-stage", "nlp", "micp"}
     for method in ("exact", "p1", "lift", "two-stage", "nlp"):
         assert names[method] == method
-    assert make_planner("two-stage", projection="fix-f").name == "lift+fix-f"
-    assert refusal(make_planner, "magic") == (
+    assert make_planner("two-stage", projection="fix-f", of="postures").name == "lift+fix-f"
+    assert refusal(make_planner, "magic", of="postures") == (
         "method: expected one of exact, p1, lift, two-stage, nlp, micp, or FILE.py:NAME, got 'magic'"
     )
     assert refusal(make_planner, "p1") == "envelopes: expected an envelope for the relaxation p1, got none"
-    assert make_planner("exact", PlannerOptions(time_limit_s=0.5)).time_limit_s == 0.5
-    assert refusal(make_planner, "micp", envelopes=learned) == "envelopes: expected one envelope for micp, got 2"
+    assert make_planner("exact", PlannerOptions(of="postures", time_limit_s=0.5)).time_limit_s == 0.5
+    said = "envelopes: expected one envelope for micp, got 2"
+    assert refusal(make_planner, "micp", envelopes=learned, of="postures") == said
 
 
 def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):

@@ -11,8 +11,8 @@ import stancekit
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import MARGIN
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course, Stance
-from stancekit.planners.problem.posture import Contact, PostureProblem
+from stancekit.planners.problem.contact import Contact
+from stancekit.planners.problem.problem import Problem, Stance
 from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
@@ -41,14 +41,13 @@ def table(com_m: tuple[float, float], friction: float) -> Plan:
         )
         toes.append(toe)
     com = np.array([*com_m, HEIGHT_M])
-    problem = PostureProblem(contacts=tuple(contacts), mass_kg=MASS_KG, com_nominal_m=com, com_radius_m=0.1)
     u, v = 0.5 + np.array(com_m) / (2.0 * HALF_M)  # bilinear shares of the weight
     shares = np.array([u * v, (1 - u) * v, (1 - u) * (1 - v), u * (1 - v)])
     forces = np.zeros((1, 4, 3))
     forces[0, :, 2] = shares * WEIGHT_N
-    course = Course.of_posture(problem)
+    problem = Problem.posture(contacts, mass_kg=MASS_KG, com_nominal_m=com, com_radius_m=0.1)
     return Plan(
-        course=course,
+        course=problem.course(),
         com_m=com[None],
         rotation_rad=np.zeros((1, 3)),
         toes_m=np.array(toes),
