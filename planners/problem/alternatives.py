@@ -23,6 +23,7 @@ class Alternative:
         spread: horizontal distance of the toes from the centre of mass as the robot stands, as a factor.
         height: height of the body over the toes as the robot stands, as a factor.
         candidates: further candidates per foothold.
+        drawn: whether toes are drawn to where they are as the robot stands, where the description says so.
         gait: "wave" moves one limb after the other, along one side and then the other, each from the rear to the front;
             None keeps the gait.
     """
@@ -30,6 +31,7 @@ class Alternative:
     spread: float = 1.0
     height: float = 1.0
     candidates: int = 0
+    drawn: bool = True
     gait: Literal["wave"] | None = None
 
     def of(self, spec: CourseSpec, robot: Robot) -> CourseSpec:
@@ -45,6 +47,8 @@ class Alternative:
         if self.candidates:
             count = min(spec.candidates.count + self.candidates, 16)
             update["candidates"] = spec.candidates.model_copy(update={"count": count})
+        if not self.drawn:
+            update["weights"] = spec.weights.model_copy(update={"stance": 0.0})
         if self.gait is not None:
             order = sorted(robot.limbs, key=lambda limb: (limb.shoulder_m[1] < 0.0, limb.shoulder_m[0]))
             update["gait"] = [[limb.name] for limb in order]
@@ -57,6 +61,7 @@ class Alternative:
             f"toes {self.spread:g} × as far out" if self.spread != 1.0 else "",
             f"body {self.height:g} × as high" if self.height != 1.0 else "",
             f"{self.candidates} more candidates per foothold" if self.candidates else "",
+            "" if self.drawn else "toes wherever they may be",
             "one limb after the other, side by side" if self.gait else "",
         ]
         return ", ".join(filter(None, parts))
@@ -67,6 +72,7 @@ ALTERNATIVES = (
     AS_ASKED,
     Alternative(spread=1.15, height=0.85),
     Alternative(spread=1.08),
+    Alternative(drawn=False),
     Alternative(candidates=2),
     Alternative(gait="wave"),
     Alternative(spread=1.15, height=1.08, candidates=2),

@@ -109,6 +109,8 @@ def course_between(
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
     }  # fmt: skip
+    if not alternative.drawn:
+        update["weights"] = {"stance": 0.0}
     return described(stance=spec.stance, **update)
 
 
