@@ -169,7 +169,8 @@ class WalkPool:
         ends = np.concatenate([first.start_xy_m, first.goal_xy_m, first.terrain.height(_PLACES).ravel()])
         content = {
             "format": FORMAT, "size": self.size, "seed": self.seed, "charts": ", ".join(self.charts),
-            "heights": HEIGHTS, "noises": NOISES, "settings": asdict(self.settings), "tasks": drawn, "first": ends.round(9).tolist(),
+            "heights": HEIGHTS, "noises": NOISES, "settings": asdict(self.settings), "tasks": drawn,
+            "first": ends.round(9).tolist(),
         }  # fmt: skip
         known: dict[str, Any] = json.loads(json.dumps(content))
         return known

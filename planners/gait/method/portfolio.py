@@ -40,8 +40,9 @@ WIDENED = 4.0
 @dataclass(frozen=True, kw_only=True)
 class Caps:
     """What a plan may cost. iterations: of one solve that looks for a feasible point; solve_s, total_s: CPU time of
-    one solve and of all [s]; total_iterations: of all solves, None for no such limit; with times that are never met, a
-    walk is the same on a busy computer. densifications: how often rows are added; smoothing: of the second phase.
+    one solve, and of all that is done, verdicts between solves among it [s]; total_iterations: of all solves, None for
+    no such limit; with times that are never met, a walk is the same on a busy computer. densifications: how often rows
+    are added; smoothing: of the second phase.
 
     in_subprocess: solves in child processes that are ended at ten times solve_s by the clock, since a solver may hang.
     """
