@@ -269,7 +269,14 @@ class PortfolioRun:
         best = self._dense(start, body=False)
         note(best[0].x)
         self.budget.phase = "smooth"
-        for one in smoothed(best[0], self.caps.smoothing, solve=self.budget, stop=lambda: self.budget.exhausted):
+        rounds = smoothed(
+            best[0],
+            self.caps.smoothing,
+            report=best[1],
+            solve=self.budget,
+            stop=lambda: self.budget.exhausted,
+        )
+        for one in rounds:
             if one.solution.success:
                 best = _better(best, (one.solution, one.report))
                 note(best[0].x)
