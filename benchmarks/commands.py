@@ -51,6 +51,7 @@ COMMANDS = {
     "simulate": "simulate climb.json",
     "run": "run climb.json",
     "gait ripple": "gait ripple --goal 2,0 --out again.json",
+    "gait pit": "gait pit --goal 2.6,0 --adhesive LF,RF --robot anymal-boxes --out again.json",
 }
 """The commands, by their names in the table; ``again`` is theirs to write."""
 

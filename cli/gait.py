@@ -88,7 +88,7 @@ class PlanGait:
     max_iterations: OptionalInt = None
     """Limit of a solve; 80 in a portfolio and 200 in one chart where there is none."""
     total_s: float = 240.0
-    """CPU time of all solves; the best walk until then is the answer [s]."""
+    """CPU time of solves and of verdicts between them; the best walk until then is the answer [s]."""
     raw: bool = False
     """The first feasible point as it is: no second phase that smooths it, no rows added where the verifier refuses."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None

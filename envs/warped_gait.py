@@ -14,7 +14,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.arguments import check_argument, settings_from
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import check_numbers
 from stancekit.planners.files.validation import shown, typed
 from stancekit.planners.gait.charts import CHARTS
@@ -25,14 +25,10 @@ from stancekit.planners.robot.walker import named_walker
 
 from .distributions.walks import SampledTasks, Tasks
 from .episodes import check_options, checked_render_mode, checked_seed
+from .walk_pool import HEIGHTS, NOISES, Outcome, WalkPool, attempted
 
-HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
-"""Homotopies to choose from: factors on the terrain's heights."""
-NOISES = (0.0, 0.01, 0.02)
-"""Initial guesses to choose from: what is added to the terrain-following one [m, rad, m·g]."""
 PATCH, PATCH_M = 24, 4.0
 """Heights along a side of the observed square, and its side [m]."""
-LARGEST = 1e6
 _ROOM = 4.0  # bound on lengths in an observation [m]
 
 OPTIMISER = GaitSettings(max_iterations=50)
@@ -63,6 +59,7 @@ class GaitOptions(TypedDict, total=False):
     settings: GaitSettings | Mapping[str, Any]
     weights: GaitRewardWeights | Mapping[str, float]
     timing: bool
+    pool: int | str | Path | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,6 +72,7 @@ class GaitEnvSettings:
     settings: GaitSettings | Mapping[str, Any] = OPTIMISER
     weights: GaitRewardWeights | Mapping[str, float] = GaitRewardWeights()
     timing: bool = False
+    pool: int | str | Path | None = None
 
     def __post_init__(self) -> None:
         if self.charts is not None and not self.charts:
@@ -158,6 +156,13 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
     groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
 
+    ## Pool
+
+    A solve takes a second or more. With ``pool=16`` an episode is one of 16 walks, and an attempt at a walk is solved
+    when it is first chosen; the next time its outcome is looked up. The same choice of a walk and of an action always
+    comes to the same. ``env.unwrapped.pool.solve()`` solves all attempts, ``.write("walks.npz")`` keeps them, and
+    ``pool="walks.npz"`` with the same other arguments goes on from that file: a step then takes a millisecond.
+
     ## Arguments
 
     | argument | default | meaning |
@@ -169,6 +174,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | settings | GaitSettings(max_iterations=50) | of the optimiser, with the limit of every stage; or a mapping |
     | weights | GaitRewardWeights() | what a step is worth; or a mapping with some of its keys |
     | timing | False | put CPU seconds into ``info`` and the reward |
+    | pool | None | draw from so many walks, each attempt solved once; or from a file of such a pool |
     | render_mode | None | "rgb_array" |
 
     ## Version History
@@ -199,6 +205,9 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         self.action_space: spaces.Space[Any] = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
         self._bench: Workbench | None = None
         self._found: Attempted | None = None
+        self.pool = _pool_of(settings.pool, self._tasks, charts, self._settings)
+        self._walk = 0
+        self._seen: dict[int, dict[str, NDArray[np.float32]]] = {}
 
     def _feet_of(self) -> int:
         """Feet of the walks that a given source draws."""
@@ -210,10 +219,15 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         """Draw the next walk."""
         check_options(options)
         super().reset(seed=checked_seed(seed))
-        task, self._found = self._tasks(self.np_random), None
+        self._found = None
+        if self.pool is None:
+            task = self._tasks(self.np_random)
+        else:
+            self._walk = int(self.np_random.integers(len(self.pool)))
+            task = self.pool.walk(self._walk)
         if self._bench is None or self._bench.task is not task:  # what is written down for a task serves it again
             self._bench = Workbench(task, self._settings)
-        return observe(task), dict(NOTHING)
+        return self._observed(task), dict(NOTHING)
 
     def step(
         self, action: NDArray[np.int64]
@@ -221,14 +235,17 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         """Solve as chosen and verify; the episode ends."""
         if self._bench is None:
             raise gym.error.ResetNeeded("reset the environment before the first step")
-        attempt = self._attempt(action)
-        try:
-            self._found = self._bench.run(attempt)
-        except PlanningFailed:  # no map of this terrain
-            self._found = None
-        info = self._info(attempt)
+        chart, heights, noise = self._chosen(action)
+        if self.pool is None:
+            seed = int(self.np_random.integers(2**31))
+            attempt = Attempt(chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed)
+            self._found = attempted(self._bench, attempt)
+            came_to = Outcome.of(self._found, self._settings.max_iterations * len(attempt.heights))
+        else:
+            came_to = self.pool.outcome(self._walk, (chart, heights, noise))
+        info = self._info(came_to)
         reward = float(sum(value for name, value in info.items() if name.startswith("reward_")))
-        return observe(self._bench.task), reward, True, False, info
+        return self._observed(self._bench.task), reward, True, False, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the terrain with the terrain-following guess, and after a step the motion that was found."""
@@ -242,39 +259,54 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         guess = self._bench.program("decoupled").solve(max_iterations=0).trajectory()
         return np.array(to_rgb(draw_motion(guess, caption="before the step: the guess")))
 
-    def _attempt(self, action: NDArray[np.int64]) -> Attempt:
+    def _observed(self, task: GaitTask) -> dict[str, NDArray[np.float32]]:
+        """The observation of a walk; of one of a pool it is worked out once."""
+        if self.pool is None:
+            return observe(task)
+        if self._walk not in self._seen:
+            self._seen[self._walk] = observe(task)
+        return {name: values.copy() for name, values in self._seen[self._walk].items()}
+
+    def _chosen(self, action: NDArray[np.int64]) -> tuple[int, int, int]:
+        """The indices of an action. Raises InvalidInput for another one."""
         if np.shape(action) != self.action_space.shape or not self.action_space.contains(np.asarray(action, np.int64)):
             limits = f"(0–{len(self._charts) - 1}, 0–{len(HEIGHTS) - 1}, 0–{len(NOISES) - 1})"
             raise InvalidInput(f"action: expected three indices in {limits}, got {shown(np.asarray(action).tolist())}")
         chart, heights, noise = (int(index) for index in action)
-        seed = int(self.np_random.integers(2**31))
-        return Attempt(chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed)
+        return chart, heights, noise
 
-    def _info(self, attempt: Attempt) -> dict[str, Any]:
+    def _info(self, found: Outcome) -> dict[str, Any]:
         """What an attempt came to: of ``NOTHING`` every key."""
-        found, weights = self._found, self._weights
-        figures = {} if found is None else found.report.figures
-        feasible, verified = found is not None and found.solution.success, found is not None and found.verified
-        limit = self._settings.max_iterations * len(attempt.heights)
-        iterations = limit if found is None else found.iterations
-        seconds = found.seconds if found is not None and self._timing else 0.0
+        weights, seconds = self._weights, found.seconds if self._timing else 0.0
+        verified, feasible = bool(found.verified), bool(found.feasible)
         return {
             "verified": int(verified),
             "is_success": int(verified),
             "feasible": int(feasible),
-            "iterations": int(iterations),
-            "violation": _number(np.inf if found is None else found.solution.violation),
-            "refused": 0 if found is None else len(found.report.refused),
-            **{
-                name: _number(figures.get(name, 0.0))
-                for name in ("force_rms", "moment_rms", "peak_acceleration_g", "outside_cone")
-            },
+            "iterations": int(found.iterations),
+            "violation": found.violation,
+            "refused": int(found.refused),
+            "force_rms": found.force_rms,
+            "moment_rms": found.moment_rms,
+            "peak_acceleration_g": found.peak_acceleration_g,
+            "outside_cone": found.outside_cone,
             "reward_verified": weights.verified * verified,
             "reward_feasible": weights.feasible * feasible,
-            "reward_iterations": -weights.iterations * min(iterations / self._settings.max_iterations, 1.0),
+            "reward_iterations": -weights.iterations * min(found.iterations / self._settings.max_iterations, 1.0),
             "reward_seconds": -weights.seconds * seconds,
             "seconds": seconds,
         }
+
+
+def _pool_of(
+    pool: int | str | Path | None, tasks: Tasks, charts: tuple[str, ...], settings: GaitSettings
+) -> WalkPool | None:
+    """The pool that is asked for by a number of walks or a file. Raises InvalidInput."""
+    if pool is None:
+        return None
+    if isinstance(pool, int):
+        return WalkPool(tasks, pool, charts, settings)
+    return WalkPool.read(pool, tasks, charts, settings)
 
 
 def observe(task: GaitTask) -> dict[str, NDArray[np.float32]]:
@@ -316,8 +348,3 @@ def _task_space(feet: int) -> spaces.Dict:
             "adhesive": box_of(0.0, 1.0, feet),
         }
     )
-
-
-def _number(value: float) -> float:
-    """A finite number for ``info``."""
-    return float(np.clip(np.nan_to_num(value, nan=LARGEST), 0.0, LARGEST))

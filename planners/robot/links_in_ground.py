@@ -32,13 +32,13 @@ class LinksInGround:
     def depths(
         self, turns: Array, origins: Array, low: Array, high: Array, bodies: WholeBody
     ) -> Iterator[tuple[int, int, float]]:
-        """Moments and shapes whose boxes, corners (T, S, 3), may be in the ground, and how deep they are, negative
-        above [m]; of feet that stand on it what is outside the patch on which they touch."""
+        """Moments and shapes whose boxes, corners (T, S, 3), may be in the ground, and how deep they are, −inf of what
+        is above [m]; of feet that stand on it what is outside the patch on which they touch."""
         near = self.ground.near(low.reshape(-1, 3), high.reshape(-1, 3)).reshape(low.shape[:2])
         for shape in np.flatnonzero(near.any(axis=0)).tolist():
             its, limb = np.flatnonzero(near[:, shape]), int(self._feet[shape])
             points = self._surfaces[shape] @ np.swapaxes(turns[its, shape], 1, 2) + origins[its, shape, None]
-            depths = self.ground.depth(points)
+            depths = self.ground.depth_inside(points)
             if limb >= 0:
                 apart = np.linalg.norm(points - bodies.toes_m[its, None, limb], axis=2) > self._patches_m[limb]
                 depths = np.where(apart | ~bodies.stands[its, None, limb], depths, -np.inf)

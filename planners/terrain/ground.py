@@ -49,6 +49,32 @@ class Ground:
         height, slope = self.heights.height_and_gradient(points[..., :2])
         return np.asarray((height - points[..., 2]) / np.sqrt(1.0 + np.vecdot(slope, slope)))
 
+    @cached_property
+    def _tops(self) -> Array:
+        """The highest of the control points that the spline has over each cell of its knots, shape (X, Y) [m]."""
+        control, _ = self._spline
+        rows = np.max([control[k : len(control) - 3 + k] for k in range(4)], axis=0)
+        return np.asarray(np.max([rows[:, k : rows.shape[1] - 3 + k] for k in range(4)], axis=0))
+
+    def depth_inside(self, points: Array) -> Array:
+        """``depth`` of the points that are in it, and −inf of the others, shape (…, 3) to (…) [m].
+
+        What is above all control points about it is above the spline, and is not looked at; the slope is that of
+        points that are below it alone.
+        """
+        flat = points.reshape(-1, 3)
+        found = np.full(len(flat), -np.inf)
+        _, knots = self._spline
+        cells = [
+            np.clip(np.searchsorted(lines, flat[:, k], side="right") - 4, 0, len(lines) - 8)
+            for k, lines in enumerate(knots)
+        ]
+        low = np.flatnonzero(flat[:, 2] < self._tops[cells[0], cells[1]])
+        low = low[self.heights.height(flat[low, :2]) > flat[low, 2]]
+        if len(low):
+            found[low] = self.depth(flat[low])
+        return found.reshape(points.shape[:-1])
+
     def distance(self, points: Array) -> Array:
         """How far points are from it, along the normal where it is even, negative inside, shape (…, 3) to (…) [m]."""
         return -self.depth(points)

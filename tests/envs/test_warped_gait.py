@@ -277,3 +277,81 @@ def test_the_picture_shows_the_guess_and_then_the_motion(stepped):
     assert before.shape == after.shape == (900, 1200, 3)
     assert before.dtype == np.uint8
     assert not np.array_equal(before, after)
+
+
+# -------------------------------------------------------------------------------------------------------- pools
+
+
+POOLED = {"tasks": SHORT, "charts": ("decoupled", "ambient"), "settings": FEW}
+
+
+def test_a_pool_solves_an_attempt_once(monkeypatch):
+    solves = []
+    monkeypatch.setattr(Workbench, "run", lambda self, attempt: solves.append(attempt) or run(self, attempt))
+    env = WarpedGaitEnv(pool=2, **POOLED)
+    env.reset(seed=1)
+    first = env.step(np.array([0, 0, 1]))
+    assert (env.pool.solved, len(solves)) == (1, 1)
+    for _ in range(30):
+        observation, _ = env.reset()
+        if same(observation, first[0], exact=True):
+            assert same(env.step(np.array([0, 0, 1])), first, exact=True)
+        assert env.observation_space.contains(observation)
+    assert (env.pool.solved, len(solves)) == (1, 1)
+    env.reset(seed=1)
+    env.step(np.array([1, 0, 1]))
+    assert (env.pool.solved, len(solves)) == (2, 2)
+
+
+run = Workbench.run
+
+
+def test_a_pool_of_walks_is_kept_in_a_file(tmp_path, monkeypatch):
+    env = WarpedGaitEnv(pool=3, **POOLED)
+    env.reset(seed=3)
+    expected = env.step(np.array([0, 1, 2]))
+    env.pool.write(tmp_path / "walks.npz")
+    monkeypatch.setattr(Workbench, "run", lambda *_: pytest.fail("solved again"))
+    again = WarpedGaitEnv(pool=tmp_path / "walks.npz", **POOLED)
+    again.reset(seed=3)
+    assert (len(again.pool), again.pool.solved) == (3, 1)
+    assert same(again.step(np.array([0, 1, 2])), expected, exact=True)
+
+
+def test_an_attempt_of_a_pool_comes_to_what_it_comes_to_without():
+    env = WarpedGaitEnv(tasks=on_plain, charts=("decoupled",), pool=1)
+    env.reset(seed=0)
+    alone = made(charts=("decoupled",))
+    alone.reset(seed=0)
+    assert same(env.step(np.array([0, 0, 0]))[1:], alone.step(np.array([0, 0, 0]))[1:], exact=True)
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"charts": ("decoupled",)}, "charts: expected 'decoupled', got 'decoupled, ambient'"),
+        ({"settings": GaitSettings(max_iterations=5)}, "settings.max_iterations: expected 5, got 4"),
+        ({"tasks": replace(SHORT, duration_s=2.5)}, "tasks.duration_s: expected 2.5, got 2.0"),
+    ],
+)
+def test_a_pool_of_other_walks_is_refused(other, said, tmp_path):
+    path = tmp_path / "walks.npz"
+    WarpedGaitEnv(pool=1, **POOLED).pool.write(path)
+    with pytest.raises(InvalidInput) as refused:
+        WarpedGaitEnv(pool=path, **{**POOLED, **other})
+    assert str(refused.value) == f"{path}: expected a pool of the environment's walks, charts and settings: {said}"
+
+
+@pytest.mark.parametrize(
+    ("pool", "said"),
+    [(0, "pool: expected 1 to 100000 walks, got 0"), ("none.npz", "none.npz: expected a file, found nothing there")],
+)
+def test_a_pool_that_is_none_is_refused(pool, said):
+    with pytest.raises(InvalidInput, match=f"^{said}$"):
+        WarpedGaitEnv(pool=pool, **POOLED)
+
+
+def test_another_file_is_no_pool(tmp_path):
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    with pytest.raises(InvalidInput, match=r"expected a pool of walks, got another file$"):
+        WarpedGaitEnv(pool=tmp_path / "other.npz", **POOLED)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from .attempt import Attempt, Progress
 from .subprocess import solve_in_subprocess
 
 LOG = logging.getLogger(__name__)
+FIRST_S, LEAST_S = 1.0, 0.1
+"""The first solve, and each one that is begun after it, has at least this time [s]."""
 PATIENCE = 10.0
 """A child process may take this many times the CPU time of a solve by the clock."""
 
@@ -42,7 +45,8 @@ class SolveRecord:
 
 
 class SolveBudget:
-    """Solves programs on one budget of CPU time and of iterations; called like ``GaitProgram.solve``.
+    """Solves programs on one budget of CPU time and of iterations; called like ``GaitProgram.solve``. The time is all
+    that passes from its beginning on, whatever it passes with.
 
     solves: every one in its order; stopped: the caller's progress said so; phase: the name of the next solves.
     """
@@ -57,6 +61,7 @@ class SolveBudget:
         progress: Progress | None = None,
     ) -> None:
         self._solve_s, self._total_s, self._in_subprocess, self._progress = solve_s, total_s, in_subprocess, progress
+        self._began = _cpu_s()
         self._attempt, self._iterations, self._left = Attempt(), 0, iterations
         self.solves: list[SolveRecord] = []
         self.stopped, self.phase = False, "feasible"
@@ -71,13 +76,18 @@ class SolveBudget:
         return sum(one.seconds for one in self.solves)
 
     @property
+    def spent_s(self) -> float:
+        """CPU time since its beginning, also that of programs that were written down and of verdicts [s]."""
+        return max(_cpu_s() - self._began, self.seconds)
+
+    @property
     def exhausted(self) -> bool:
         """Whether there is nothing left to spend, or the caller asked to stop."""
-        return self.stopped or self.seconds >= self._total_s or self._left <= 0
+        return self.stopped or self.spent_s >= self._total_s or self._left <= 0
 
     def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
         """Solve within what is left; a solver that hangs or dies has found nothing."""
-        limit_s = min(self._solve_s, max(self._total_s - self.seconds, 1.0))
+        limit_s = min(self._solve_s, max(self._total_s - self.spent_s, LEAST_S if self.solves else FIRST_S))
         if self._in_subprocess:
             solution = self._in_child(program, guess, limit_s, options)
         else:
@@ -121,6 +131,12 @@ class SolveBudget:
             seconds_evaluating=solution.seconds_evaluating,
             seconds_linear=solution.seconds_linear,
         )
+
+
+def _cpu_s() -> float:
+    """CPU time of this process and of its children that have ended [s]."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 class _TimeLimit:

@@ -40,8 +40,9 @@ WIDENED = 4.0
 @dataclass(frozen=True, kw_only=True)
 class Caps:
     """What a plan may cost. iterations: of one solve that looks for a feasible point; solve_s, total_s: CPU time of
-    one solve and of all [s]; total_iterations: of all solves, None for no such limit; with times that are never met, a
-    walk is the same on a busy computer. densifications: how often rows are added; smoothing: of the second phase.
+    one solve, and of all that is done, verdicts between solves among it [s]; total_iterations: of all solves, None for
+    no such limit; with times that are never met, a walk is the same on a busy computer. densifications: how often rows
+    are added; smoothing: of the second phase.
 
     in_subprocess: solves in child processes that are ended at ten times solve_s by the clock, since a solver may hang.
     """
@@ -268,7 +269,14 @@ class PortfolioRun:
         best = self._dense(start, body=False)
         note(best[0].x)
         self.budget.phase = "smooth"
-        for one in smoothed(best[0], self.caps.smoothing, solve=self.budget, stop=lambda: self.budget.exhausted):
+        rounds = smoothed(
+            best[0],
+            self.caps.smoothing,
+            report=best[1],
+            solve=self.budget,
+            stop=lambda: self.budget.exhausted,
+        )
+        for one in rounds:
             if one.solution.success:
                 best = _better(best, (one.solution, one.report))
                 note(best[0].x)

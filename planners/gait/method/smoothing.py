@@ -30,15 +30,16 @@ class Smoothing:
     """How to smooth. rounds: at most; iterations: of the solver on the cost in each; repair: to be feasible again.
 
     costs: weights of the terms, the first of the distance from the feasible point. enough_g: a peak acceleration that
-    needs no more rounds [g]; gain: least share by which a round has to lower the peak for another one to follow.
+    needs no more rounds [g]; gain: least share by which a round has to lower the peak for another one to follow, which
+    takes about as long as the first feasible point did.
     """
 
     rounds: int = 4
     iterations: int = 8
     repair: int = 40
-    costs: Costs = field(default_factory=lambda: Costs(proximal=0.1, acceleration=0.1, force_rate=0.01))
+    costs: Costs = field(default_factory=lambda: Costs(proximal=0.1, acceleration=0.3, force_rate=0.03))
     enough_g: float = 0.35
-    gain: float = 0.03
+    gain: float = 0.15
 
     def __post_init__(self) -> None:
         for name, least in (("rounds", 0), ("iterations", 1), ("repair", 1)):
@@ -79,16 +80,18 @@ def smoothed(
     start: GaitSolution,
     settings: Smoothing | None = None,
     *,
+    report: Report[Trajectory] | None = None,
     solve: Solver = GaitProgram.solve,
     stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[Round]:
     """Rounds from a feasible solution on, each from the last that ended feasible.
 
-    A round that ends infeasible is the last, and so is one that gains nothing. solve: in place of the program's own,
+    A round that ends infeasible is the last, and so is one that gains too little to be worth another. report: the
+    verifier's on the start, where it has judged it. solve: in place of the program's own,
     e.g. in a child process. stop: asked between solves.
     """
     settings, program, x = settings or Smoothing(), start.program, start.x
-    last = peak_g(check_trajectory(start.trajectory(), body=False))
+    last = peak_g(report or check_trajectory(start.trajectory(), body=False))
     for _ in range(settings.rounds):
         if stop() or last <= settings.enough_g:
             return
