@@ -18,6 +18,8 @@ from _stand_list import Entry
 
 PATIENCE = 6.0
 """A command is ended after so many of its limits of wall-clock time."""
+STARVED = 0.8
+"""What took longer than this share of its limit, and computed for less than this share of that, lacked processors."""
 MARGINS = ("push_n", "support_m", "friction_left")
 """Figures of a report that are kept where it has them."""
 MOST_LETTERS = 300
@@ -89,6 +91,8 @@ def planned(entry: Entry, folder: Path, limit_s: float) -> dict[str, Any]:
     said = verdict.get("message") or done.said.get("message") or done.error
     if done.code is None:
         said = f"no answer after {done.wall_s:.0f} s"
+    long = done.wall_s > STARVED * limit_s
+    starved = not accepted and long and done.cpu_s < STARVED * done.wall_s
     return {
         "robot": entry.robot,
         "ground": entry.kind,
@@ -97,6 +101,7 @@ def planned(entry: Entry, folder: Path, limit_s: float) -> dict[str, Any]:
         "status": done.said.get("status", ""),
         "code": done.code,
         "message": str(said)[:MOST_LETTERS],
+        "starved": starved,
         "cpu_s": round(done.cpu_s, 2),
         "wall_s": round(done.wall_s, 1),
         "margins": margins(verdict),
@@ -117,6 +122,6 @@ def ran(plan: Path, patience_s: float) -> dict[str, Any]:
     return {
         "stood": done.code == 0,
         "code": done.code,
-        "message": str(said)[:MOST_LETTERS],
+        "message": "" if done.code == 0 else str(said)[:MOST_LETTERS],
         "cpu_s": round(done.cpu_s, 2),
     }

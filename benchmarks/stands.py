@@ -11,7 +11,8 @@ nothing of the package, and its settings are in stands/referee.yaml. Robots of e
 these packages; where one is not installed, its line says so.
 
 plan: every entry of the list by the package's own command ``plan``; the plan's file, and a line of plans.jsonl with
-what was said and how long it took. What is there is not made again, whatever ended the command before.
+what was said and how long it took. What is there is not made again, whatever ended the command before. Limits are of
+wall-clock time, as the command's own: on a busy computer a line says starved, and --starved plans it again.
 play: every accepted plan of a folder in the referee, with and without feedback of the body, and by the package's own
 command ``run`` in MuJoCo; or files, plans and walks, with what is wrong with robot and ground. stood: not .12 m or .6
 rad off on the way, nor .05 m or .2 rad at the end. --perturbed: every file once more, with all errors drawn
@@ -58,6 +59,8 @@ class Plan(Options):
     grounds: tuple[str, ...] = ()
     draws: tuple[int, ...] = ()
     listed: Path = LIST
+    starved: bool = False
+    """Plan again what was not planned because other processes had the processors."""
 
     def chosen(self) -> Iterator[Entry]:
         """The entries that are asked for."""
@@ -76,7 +79,8 @@ class Plan(Options):
         """Plan what is not there yet."""
         lines, limit = Lines(self.out / "plans.jsonl"), read_list(self.listed)["time_limit_s"]
         for entry in self.chosen():
-            if entry.name not in lines.rows:
+            known = lines.rows.get(entry.name)
+            if known is None or (self.starved and known.get("starved")):
                 self.say(lines.add(entry.name, planned(entry, self.out, limit)))
 
 

@@ -4,7 +4,7 @@ A file is read by its own keys. Robot and ground are built anew in MuJoCo: the r
 patches as prisms, heights as a field, feet as balls. Between key frames feet go up, across and down, and load moves to
 those that stay, as this package has it; joints come from its own inverse kinematics. They are controlled by position
 with feed-forward torque τ = bias − Jᵀ f of the file's forces, with or without feedback of the body: a wrench that feet
-that stand share within their cones, and feet in the air that go where the file has them in the world.
+that stand share within their cones, and feet in the air that go where a plan has them in the world.
 """
 
 from .files import BrokenFile, KeyFrames, read

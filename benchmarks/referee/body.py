@@ -169,12 +169,20 @@ def _stiffness(
 
 
 def _primitive(urdf: str) -> str:
-    """A URDF without meshes, and with what MuJoCo has to know."""
+    """A URDF without meshes, without parts of joints that are there twice, and with what MuJoCo has to know."""
     root = ElementTree.fromstring(urdf)
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
                 link.remove(shape)
+    for joint in root.findall(
+        "joint"
+    ):  # a second axis, say, is read by nobody, and refused by MuJoCo
+        seen = set[str]()
+        for part in list(joint):
+            if part.tag in seen:
+                joint.remove(part)
+            seen.add(part.tag)
     for other in [each for each in root if each.tag not in ("link", "joint", "material")]:
         root.remove(other)
     text = ElementTree.tostring(root, encoding="unicode")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -78,7 +79,7 @@ class Ramp:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """All of the file, and its SHA-256."""
+    """All of the file, and the SHA-256 of its values as JSON."""
 
     physics_s: float
     control_s: float
@@ -162,8 +163,7 @@ class Push:
 
 def read_settings(path: Path = FILE) -> Settings:
     """Read the settings. Raises ValueError, in one line, for keys that are missing, unknown or of another kind."""
-    text = path.read_bytes()
-    keys = yaml.safe_load(text)
+    keys = yaml.safe_load(path.read_text(encoding="utf-8"))
     if not isinstance(keys, dict):
         raise ValueError(f"{path}: expected keys, got {type(keys).__name__}")
     groups = {
@@ -180,7 +180,8 @@ def read_settings(path: Path = FILE) -> Settings:
         name: _group(groups[name], value, f"{path}: {name}") if name in groups else value
         for name, value in keys.items()
     }
-    return _group(Settings, {**found, "sha256": hashlib.sha256(text).hexdigest()}, str(path))
+    digest = hashlib.sha256(json.dumps(keys, sort_keys=True).encode()).hexdigest()
+    return _group(Settings, {**found, "sha256": digest}, str(path))
 
 
 def _group(kind: type[Group], keys: Any, where: str) -> Group:

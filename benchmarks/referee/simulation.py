@@ -198,6 +198,7 @@ class _Run:
     def _advance(self, moment: int, still: bool = False) -> None:
         """One command, and the simulation until the next."""
         body, data, told = self.body, self.data, self.told
+        mujoco.mj_subtreeVel(body.model, data)
         self.torques.append(told.torques[moment] + self._feedback(moment, still))
         self.bends.append(self._bends(moment))
         self.moments.append(moment)
@@ -229,7 +230,6 @@ class _Run:
         feet = np.flatnonzero(to.stands[moment])
         if not self.wrong.feedback or not len(feet):
             return np.zeros(len(body.places))
-        mujoco.mj_subtreeVel(body.model, data)
         turn = data.qpos[3:7]
         rate = data.xmat[body.base].reshape(3, 3) @ data.qvel[3:6]
         speed, turning = (np.zeros(3), np.zeros(3)) if still else self._speeds(moment)
@@ -260,8 +260,11 @@ class _Run:
         return torque
 
     def _bends(self, moment: int) -> Array:
-        """By how much joints bend so that feet in the air go where the file has them in the world, although the body is
-        off; feet that stand come back from that slowly, and draw the body with them."""
+        """By how much joints bend so that feet in the air go where they should although the body is off.
+
+        Feet that stand come back from that slowly, and draw the body with them. In a plan feet go where the file has
+        them in the world. A walk, which may balance on two feet, steps where its body is, at the file's height.
+        """
         body, data, to = self.body, self.data, self.reference
         bends = np.zeros(len(body.places))
         if not self.wrong.feedback:
@@ -275,6 +278,8 @@ class _Run:
             else:
                 arm = to.centres_m[moment, leg] - com
                 off = to.com_m[moment] - com + cross(turn, arm)
+                if to.dynamic:
+                    off[:2] = 0.0
                 self.shifts[leg] += min(step / gains.swing_s, 1.0) * (off - self.shifts[leg])
             if self.shifts[leg].any():
                 ball = data.geom_xpos[body.balls[leg]]

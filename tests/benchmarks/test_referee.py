@@ -331,6 +331,16 @@ def test_a_urdf_without_the_foot_gives_one_line(tmp_path: Path) -> None:
         play(file, SETTINGS)
 
 
+def test_a_joint_with_two_axes_has_the_first(standing: Path, tmp_path: Path) -> None:
+    data = json.loads(standing.read_text())
+    model = data["course"]["robot"]["model"]
+    model["urdf"] = model["urdf"].replace(
+        '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>'
+    )
+    (tmp_path / "twice.json").write_text(json.dumps(data))
+    assert play(tmp_path / "twice.json", SETTINGS) == play(standing, SETTINGS)
+
+
 def test_feet_that_stick_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BrokenFile, match="adhesive: expected feet that do not stick"):
         play(walk(tmp_path / "walk.json", adhesive=[True] * 4), SETTINGS)
