@@ -51,10 +51,9 @@ if TYPE_CHECKING:
     from .planners.errors import StancekitError as StancekitError
     from .planners.formats.file_check import FileCheck as FileCheck
     from .planners.leap.finder import LeapFinder as LeapFinder
-    from .planners.problem.course import Course as Course
+    from .planners.problem.contact import Contact as Contact
     from .planners.problem.leap import Leap as Leap
-    from .planners.problem.posture import Contact as Contact
-    from .planners.problem.posture import PostureProblem as PostureProblem
+    from .planners.problem.problem import Problem as Problem
     from .planners.projection.whole_body_limits import WholeBodyLimits as WholeBodyLimits
     from .planners.relaxation.envelope import Envelope as Envelope
     from .planners.relaxation.envelope import EnvelopeSet as EnvelopeSet
@@ -112,9 +111,9 @@ _HOMES = {
     "planners.errors": ("InvalidInput", "StancekitError"),
     "planners.formats.file_check": ("FileCheck",),
     "planners.leap.finder": ("LeapFinder",),
-    "planners.problem.course": ("Course",),
+    "planners.problem.contact": ("Contact",),
     "planners.problem.leap": ("Leap",),
-    "planners.problem.posture": ("Contact", "PostureProblem"),
+    "planners.problem.problem": ("Problem",),
     "planners.projection.whole_body_limits": ("WholeBodyLimits",),
     "planners.relaxation.envelope": ("Envelope", "EnvelopeSet"),
     "planners.relaxation.modes": ("Modes",),
@@ -159,6 +158,10 @@ if not TYPE_CHECKING:  # or a checker would take any name for one that there is
         elif name in _OLD:
             warnings.warn(f"stancekit.{name} is old: stancekit.{_OLD[name]}", DeprecationWarning, stacklevel=2)
             return __getattr__(_OLD[name])
+        elif name in ("Course", "PostureProblem"):
+            from .planners.problem.old import renamed
+
+            return renamed(name, "stancekit")
         elif name in _HOME:
             value = getattr(import_module(f".{_HOME[name]}", __name__), name)
         else:

@@ -19,8 +19,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.file_check import FileCheck
-from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.verify import (
     Explanation,
@@ -38,7 +37,7 @@ from .upgrading import old_form
 
 @checked
 def explain(
-    subject: Answer[Any] | Certificate | PostureProblem | Course | Leap,
+    subject: Answer[Any] | Certificate | Problem | Leap,
     certificate: Certificate | None = None,
     *,
     tolerance: float | None = None,
@@ -88,11 +87,11 @@ def explain(
 
 
 @overload
-def verify(subject: PostureProblem, answer: Posture, *, tolerance: float = TOLERANCE) -> Report[Posture]: ...
+def verify(subject: Problem, answer: Posture, *, tolerance: float = TOLERANCE) -> Report[Posture]: ...
 @overload
 def verify(subject: Certificate, answer: None = None) -> Report[Certificate]: ...
 @overload
-def verify(subject: PostureProblem | Course | Leap, answer: Certificate) -> Report[Certificate]: ...
+def verify(subject: Problem | Leap, answer: Certificate) -> Report[Certificate]: ...
 @overload
 def verify(subject: Answer[Any], answer: None = None, *, tolerance: float = TOLERANCE) -> Report[Any]: ...
 @overload
@@ -116,8 +115,7 @@ def verify(
 def verify(
     subject: Answer[Any]
     | Certificate
-    | PostureProblem
-    | Course
+    | Problem
     | Leap
     | Plan
     | LeapPlan
@@ -165,11 +163,11 @@ def verify(
     if isinstance(subject, Answer) and answer is None:
         subject, answer = _evidence(subject)
     match subject, answer:
-        case PostureProblem(), Posture():
+        case Problem(), Posture():
             return check_posture(subject, answer, tolerance=tolerance)
         case Certificate(), None:
             return check_certificate(subject)
-        case (PostureProblem() | Course() | Leap()), Certificate():
+        case (Problem() | Leap()), Certificate():
             old_form("verify(problem, certificate)", "verify(certificate), which knows its problem")
             return check_certificate(answer.of(subject))
         case LeapPlan(), None:

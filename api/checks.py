@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.answer_file import answer_from_json, json_records, read_problems
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.verify import check_certificate, check_posture, explain
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from stancekit.envs.data.leap_tries import LeapTries
     from stancekit.learners.data.labelling import RecheckReport
     from stancekit.planners.formats.file_check import FileCheck
-    from stancekit.planners.problem.course import Course
 
 TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
@@ -172,7 +171,7 @@ def check_answers(
             yield {"where": where, "verdict": "invalid", "message": f"{place}: {error}"}
 
 
-def _verdict(problem: PostureProblem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
+def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
     """What is said of an answer; of one that lacks its evidence, that."""
     answer, status = answer_from_json(claim), _status(claim)
     answer = answer.of(problem) if isinstance(answer, Certificate) else answer
@@ -209,13 +208,13 @@ def _verdict(problem: PostureProblem, claim: Any, tolerance: float, why: bool) -
     }
 
 
-def _course(name: str, robot: str | None) -> Callable[[int], Course]:
+def _course(name: str, robot: str | None) -> Callable[[int], Problem]:
     """The course of a name or a file, of so many key frames where it can be had with others than its own."""
     from stancekit.planners.problem.course_file import read_course
 
     who = None if Path(name).suffix == ".json" else robot
 
-    def laid(frames: int) -> Course:
+    def laid(frames: int) -> Problem:
         course = read_course(name, None, who)
         try:
             return course if course.frames == frames else read_course(name, frames, who)

@@ -19,8 +19,7 @@ from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
 from stancekit.planners.formats.leap_file import is_leap_file, read_leap
 from stancekit.planners.leap.finder import LeapFinder, find_leap
-from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
@@ -49,7 +48,7 @@ LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "cle
 
 @overload
 def plan(
-    course: Course | PostureProblem | Footholds | str | Path,
+    course: Problem | Footholds | str | Path,
     method: str | Method | Planner = "two-stage",
     *,
     start_xy_m: Array | Sequence[float] | None = None,
@@ -64,7 +63,7 @@ def plan(
 def plan(course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float = 60.0) -> Answer[LeapPlan]: ...
 @checked
 def plan(
-    course: Course | PostureProblem | Footholds | Leap | str | Path,
+    course: Problem | Footholds | Leap | str | Path,
     method: str | Method | Planner | LeapFinder = "two-stage",
     *,
     start_xy_m: Array | Sequence[float] | None = None,
@@ -78,7 +77,7 @@ def plan(
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries; or a leap.
 
     Arguments:
-        course: a ``Course``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
+        course: a ``Problem``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
             YAML or JSON file; one posture problem is a course of one frame. With a start and a goal also a terrain: a
             mesh, a grid or a cloud in a file, a ground by its name, or what ``terrain`` returned. A ``Leap``, or a file
             of one, is planned by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and
@@ -169,12 +168,12 @@ def _made(called: str, method: str | Method, options: PlannerOptions, settings: 
 
 
 def _question(
-    course: Course | PostureProblem | Footholds | str | Path,
+    course: Problem | Footholds | str | Path,
     frames: int | None,
     robot: Robot | str | Path | None,
     start: Array | Sequence[float] | None,
     goal: Array | Sequence[float] | None,
-) -> Course | LayOut:
+) -> Problem | LayOut:
     """A course, or what lays it out: of a file of JSON, whose candidates are fixed, the course."""
     who = str(robot) if isinstance(robot, Path) else robot
     if (start is None) != (goal is None):
@@ -182,7 +181,7 @@ def _question(
     if isinstance(course, Footholds) or start is not None:
         if start is None or goal is None:
             raise InvalidInput("start_xy_m, goal_xy_m: expected both with a terrain, got none")
-        if isinstance(course, Course | PostureProblem):
+        if isinstance(course, Problem):
             raise InvalidInput(f"start_xy_m: expected none with a {type(course).__name__}, which has its own")
         from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
         from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
@@ -190,8 +189,8 @@ def _question(
         if isinstance(course, str) and names_ground(course):
             course = _footholds(course, None if who == "hexapod" else who)
         return laid_between(course, start, goal, robot=who, frames=frames)
-    if isinstance(course, PostureProblem):
-        course = Course.of_posture(course)
+    if isinstance(course, Problem) and course.is_posture:
+        course = course.course()
     if isinstance(course, str | Path):
         name = str(course)
         if is_leap_file(name):

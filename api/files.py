@@ -21,10 +21,8 @@ from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats import leap_file, plan_file, proof_file, trajectory_file
 from stancekit.planners.formats.answer_file import read_envelopes, read_modes, read_problems, write_boxes
-from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course
-from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
@@ -34,9 +32,9 @@ from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 
 Kind = TypeVar("Kind")
-Proof = tuple[PostureProblem | Course | Leap, Certificate]
+Proof = tuple[Problem | Leap, Certificate]
 Saved = (
-    PostureProblem | Course | Leap | EnvelopeSet | Modes | Plan | LeapPlan | Certificate | Proof | Trajectory | Learned
+    Problem | Leap | EnvelopeSet | Modes | Plan | LeapPlan | Certificate | Proof | Trajectory | Learned
 )
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     "posture": lambda path: _only(_problems(path), path),
@@ -65,8 +63,8 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
             "anymal-stairs"), where there is no such file.
         kind: what is expected, e.g. ``stancekit.Plan``; anything where it is not given. Type checkers then know it.
     Returns:
-        PostureProblem, or a list of them where the file holds JSON lines or an array (``stancekit/posture/1``); Course
-        (``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the pair (PostureProblem or Course, Certificate) of
+        Problem, or a list of them where the file holds JSON lines or an array (``stancekit/posture/1``,
+        ``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the pair (Problem, Certificate) of
         a proof; Leap, or LeapPlan or such a pair where its file holds an answer (``stancekit/leap/1``, or YAML);
         Trajectory of a gait; Dataset; LeapTries; GaitRobot (YAML or URDF); what a safetensors file of a neural
         selector, chooser or policy holds, as ``Learned``. Nothing is unpickled.
@@ -88,7 +86,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
 
 @checked
 def save(
-    thing: Saved | Sequence[PostureProblem],
+    thing: Saved | Sequence[Problem],
     path: str | Path,
 ) -> None:
     """Write a thing to a file that ``load`` reads back, whole or not at all.
@@ -110,10 +108,8 @@ def save(
         [('RF', 'RR', 'LM'), ('RF', 'RR', 'LM')]
     """
     match thing:
-        case PostureProblem():
+        case Problem():
             write_text(path, json.dumps(thing.to_json(), indent=1) + "\n")
-        case Course():
-            write_text(path, json.dumps(course_to_json(thing), indent=1) + "\n")
         case Leap():
             leap_file.write_leap(path, thing)
         case LeapPlan():
@@ -126,12 +122,12 @@ def save(
             trajectory_file.write_trajectory(path, thing, check_trajectory(thing))
         case Learned():
             thing.write(Path(path))
-        case [PostureProblem() | Course() | Leap() as subject, Certificate() as certificate]:
+        case [Problem() | Leap() as subject, Certificate() as certificate]:
             _write_proof(path, certificate.of(subject))
         case Certificate():
             _write_proof(path, thing)
-        case [PostureProblem(), *_] if all(isinstance(one, PostureProblem) for one in thing):
-            problems = [one for one in thing if isinstance(one, PostureProblem)]
+        case [Problem(), *_] if all(isinstance(one, Problem) and one.is_posture for one in thing):
+            problems = [one for one in thing if isinstance(one, Problem)]
             write_text(path, "".join(json.dumps(one.to_json()) + "\n" for one in problems))
         case _:
             raise InvalidInput(f"{path}: expected something that has a file format, got a {type(thing).__name__}")
@@ -182,7 +178,7 @@ def _leap(path: Path) -> Any:
     return found.leap if found.certificate is None else (found.leap, found.certificate)
 
 
-def _problems(path: Path) -> list[PostureProblem]:
+def _problems(path: Path) -> list[Problem]:
     """All problems of a file. Raises InvalidInput for the first that is none."""
     found = []
     for _, problem in read_problems(read_text(path), str(path)):
@@ -192,7 +188,7 @@ def _problems(path: Path) -> list[PostureProblem]:
     return found
 
 
-def _only(problems: list[PostureProblem], path: Path) -> PostureProblem:
+def _only(problems: list[Problem], path: Path) -> Problem:
     if len(problems) != 1:
         raise InvalidInput(f"{path}: expected one problem, got {len(problems)}")
     return problems[0]

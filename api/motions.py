@@ -14,7 +14,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.trajectory_file import is_trajectory
 from stancekit.planners.motion.plan_motion import Timing
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.problem.course_json import FORMAT
 from stancekit.planners.search.friction_margin import slippery
@@ -80,7 +80,7 @@ def simulate(
 
 @checked
 def run(
-    motion: Motion | Course | str | Path,
+    motion: Motion | Problem | str | Path,
     world: str | World = "mujoco",
     *,
     setup: str | Path | None = None,
@@ -138,7 +138,7 @@ def run(
             monitor=monitor,
         )
         if policy is None:
-            assert not isinstance(asked, Course)
+            assert not isinstance(asked, Problem)
             return runner.run(asked, _ground(asked, settings))
         assert not isinstance(asked, AcceptedGait)
         walked = asked.plan.course if isinstance(asked, Accepted) else asked
@@ -149,7 +149,7 @@ def run(
 
 
 def check_run(
-    asked: Accepted | AcceptedGait | Course, world: str | World, settings: RunSettings, *, led: bool
+    asked: Accepted | AcceptedGait | Problem, world: str | World, settings: RunSettings, *, led: bool
 ) -> None:
     """Raise InvalidInput for settings that the motion, the world or a policy has no use for, before a world is made.
 
@@ -170,7 +170,7 @@ def check_run(
             raise InvalidInput(message)
 
 
-def accepted_of(motion: Motion | Course | str | Path) -> Accepted | AcceptedGait:
+def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGait:
     """A motion that the verifier accepts, judged as it comes in. Raises InvalidInput for anything else."""
     if isinstance(motion, Accepted | AcceptedGait):
         return motion
@@ -178,7 +178,7 @@ def accepted_of(motion: Motion | Course | str | Path) -> Accepted | AcceptedGait
         return Accepted.verified(motion, motion.course.name)
     if isinstance(motion, Trajectory):
         return AcceptedGait.verified(motion, motion.terrain.name or "gait")
-    if isinstance(motion, Course):
+    if isinstance(motion, Problem):
         raise InvalidInput(f"motion: expected a plan or a walk; the course {motion.name} is walked by a policy")
     data = _json_of(motion)
     if is_trajectory(data):
@@ -188,9 +188,9 @@ def accepted_of(motion: Motion | Course | str | Path) -> Accepted | AcceptedGait
     return Accepted.from_file(motion)
 
 
-def led_by_policy(motion: Motion | Course | str | Path) -> Accepted | Course:
+def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted | Problem:
     """What a policy walks: a course, or a plan that it begins with. Raises InvalidInput for a walk."""
-    if isinstance(motion, Course):
+    if isinstance(motion, Problem):
         return motion
     if isinstance(motion, str | Path) and _is_course(motion, data := _json_of(motion)) and not is_trajectory(data):
         return read_course(str(motion))
@@ -200,7 +200,7 @@ def led_by_policy(motion: Motion | Course | str | Path) -> Accepted | Course:
     return asked
 
 
-def policy_of(name: str | Path, course: Course) -> SelectorPolicy | None:
+def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
     """A selector as a policy for a course; None for the lift, which needs none.
 
     name: "lift", a selector's file, or the name of one that ships.
@@ -239,7 +239,7 @@ def _ground(asked: Accepted | AcceptedGait, settings: RunSettings) -> Terrain:
 
 def _world(
     world: str | World,
-    asked: Accepted | AcceptedGait | Course,
+    asked: Accepted | AcceptedGait | Problem,
     setup: str | Path | None = None,
     arm: EstopCheck | None = None,
 ) -> World:

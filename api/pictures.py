@@ -14,7 +14,7 @@ from stancekit.planners.answer.posture import Posture
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -32,7 +32,7 @@ WALK_FPS = 25.0
 
 @checked
 def draw(
-    subject: PostureProblem | Plan | LeapPlan | Trajectory,
+    subject: Problem | Plan | LeapPlan | Trajectory,
     answer: Posture | Certificate | None = None,
     *,
     envelope: Envelope | None = None,
@@ -62,10 +62,12 @@ def draw(
         >>> type(figure).__name__
         'Figure'
     """
-    if not isinstance(subject, PostureProblem) and (answer is not None or envelope is not None):
+    if isinstance(subject, Problem) and not subject.is_posture:
+        raise InvalidInput(f"draw: expected a posture problem, got the course {subject.name}: draw its plan")
+    if not isinstance(subject, Problem) and (answer is not None or envelope is not None):
         raise InvalidInput(f"draw: expected no answer and no envelope with a {type(subject).__name__}")
     match subject:
-        case PostureProblem():
+        case Problem():
             posture = answer if isinstance(answer, Posture) else None
             why = explain(answer.of(subject)).message if isinstance(answer, Certificate) else ""
             figure = draw_posture(subject, posture, envelope=envelope, caption=caption, why=why)

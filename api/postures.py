@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.posture import Posture
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import read_envelopes as read_envelopes
 from stancekit.planners.formats.answer_file import read_problems as read_problems
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.search.answer import Planner
+from stancekit.planners.search.either import Kind, kind_of
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 
 from .upgrading import old_arguments
@@ -27,29 +27,31 @@ OLD = {
 
 @checked
 def solve(
-    problem: PostureProblem,
+    problem: Problem,
     method: str | Method | Planner = "exact",
     *,
     time_limit_s: float | None = None,
     engine: Literal["rows", "cvxpy"] = "rows",
     **old: Any,
-) -> Answer[Posture]:
-    """Can the robot hold this posture, and how?
+) -> Answer[Any]:
+    """Can the robot hold this posture, and how? Or: which contacts and forces does a course have?
 
     Arguments:
-        problem: limbs on patches, see ``PostureProblem``.
+        problem: limbs on patches, see ``Problem.posture``; or a course, whose joints and bodies only ``plan`` looks at.
         method: a value with its settings: ``Exact()`` branches and bounds to a verdict with evidence; ``TwoStage(...)``
             relaxes, over learned envelopes or by the lift, and projects; ``Nlp()`` is IPOPT; ``Micp(...)`` a piecewise
             McCormick grid. Or text: "exact", "two-stage", "nlp", "micp" with the settings as they come, "p1" and
             "lift" without the projection, a name that a package registered under ``stancekit.planners``, or
             "FILE.py:NAME". Or a planner that was made before, which keeps its compiled models from problem to problem
             (what one from elsewhere says counts as far as the verifier accepts it).
-        time_limit_s: for exact, nlp and micp; what is not decided by then is undecided; 30 where None [s].
+        time_limit_s: for exact, nlp and micp, and for all of a course; what is not decided by then is undecided; 30, of
+            a course 60, where None [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
         old: settings of methods as arguments, which is the old form.
     Returns:
-        An ``Answer``: feasible with a posture, its ``solution``, or infeasible with a certificate, each accepted by the
-        verifier; else undecided. The status speaks of the problem itself, whatever relaxation was solved.
+        An ``Answer``: feasible with a posture, of a course with a plan, its ``solution``, or infeasible with a
+        certificate, each accepted by the verifier; else undecided. The status speaks of the problem itself, whatever
+        relaxation was solved.
     Raises:
         InvalidInput: for an unknown method, a setting or a limit that it has no use for, envelopes that are missing or
             were learned for other problems, and a solver that is not installed.
@@ -64,30 +66,36 @@ def solve(
     """
     beside = ("problem", "method", "time_limit_s", "engine")
     settings = old_arguments("solve", old, OLD, beside) if old else {}
+    of = kind_of(problem)
     if isinstance(method, str | Method):
-        return planner_of(method, time_limit_s=time_limit_s, engine=engine, **settings).solve(problem)
+        return planner_of(method, of=of, time_limit_s=time_limit_s, engine=engine, **settings).solve(problem)
     for name, given in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
         if given not in (None, "rows"):
             raise InvalidInput(
                 f"{name}: expected none for a planner that was made before, which has no use for it, got {given!r}"
             )
-    return through_verifier(method, "postures").solve(problem)
+    return through_verifier(method, of).solve(problem)
 
 
 def planner_of(
     method: str | Method,
     *,
+    of: Kind = "postures",
     time_limit_s: float | None = None,
     engine: Literal["rows", "cvxpy"] = "rows",
     **settings: Any,
 ) -> Planner:
     """The planner of a method, to be asked many problems; arguments as for ``solve``.
 
-    settings: of a method that is text, by name; envelopes may be the ``Path`` of a file. Raises InvalidInput likewise.
+    of: the kind of problem. settings: of a method that is text, by name; envelopes may be the ``Path`` of a file.
+    Raises InvalidInput likewise.
     """
     if isinstance(settings.get("envelopes"), Path):
         settings["envelopes"] = read_envelopes(settings["envelopes"])
     programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-    return make_planner(
-        method, PlannerOptions(of="postures", time_limit_s=time_limit_s, programs=programs), **settings
-    )
+    options = PlannerOptions(of=of, time_limit_s=time_limit_s, programs=programs)
+    try:
+        return make_planner(method, options, **settings)
+    except InvalidInput as error:  # planners of courses are called so elsewhere
+        said = str(error)
+        raise InvalidInput(f"method{said.removeprefix('planner')}" if said.startswith("planner") else said) from None

@@ -11,7 +11,7 @@ import numpy as np
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.posture import Sampler
 from stancekit.planners.robot.model import Robot
 
@@ -30,7 +30,7 @@ def sample(
     robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
     rng: np.random.Generator | int = 0,
-) -> list[PostureProblem]:
+) -> list[Problem]:
     """Draw posture problems from a distribution of terrains.
 
     Arguments:
@@ -73,7 +73,7 @@ def distribution(
 
 def drawn(
     source: Distribution, count: int, rng: np.random.Generator | int
-) -> Iterator[PostureProblem]:
+) -> Iterator[Problem]:
     """Problems of ``sample``, one after the other, however many. Raises InvalidInput for a seed below 0."""
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")

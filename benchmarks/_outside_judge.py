@@ -12,7 +12,7 @@ import pinocchio
 from _outside_files import Array, NoForgery, Opened
 from numpy.typing import ArrayLike
 
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_json import course_from_json
 
 
@@ -25,7 +25,7 @@ def more(what: str, value: float, limit: float, unit: str) -> str:
 
 def rows_of(plan: Opened) -> list[tuple[int, list[int], Array, list[dict[str, Any]]]]:
     """Of every stance: frame, limbs, which footholds they stand on, and the patches these chose."""
-    course: Course = course_from_json(plan.head["course"])
+    course: Problem = course_from_json(plan.head["course"])
     found = []
     for stance in course.stances:
         limbs = list(stance.limbs)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface
 from stancekit.runner.control.surfaces import coplanar
@@ -27,7 +27,7 @@ class Perturbed:
     """What a world has in place of what a course says. course: that a planner would be told, who knew."""
 
     terrain: tuple[Patch, ...]
-    course: Course
+    course: Problem
     imperfections: Imperfections = field(default_factory=Imperfections)
 
 

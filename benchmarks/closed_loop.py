@@ -40,7 +40,7 @@ from _perturbed import Perturbed, missing, moved, pushed
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve, slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -110,7 +110,7 @@ def main(arguments: Arguments) -> None:
                         print(f"    {index}: {run.why}{unsolvable}", flush=True)
 
 
-def first_plan(course: Course, arguments: Arguments) -> Accepted | str:
+def first_plan(course: Problem, arguments: Arguments) -> Accepted | str:
     """What is begun with, the same for all that is wrong; why there is none."""
     shares = SHARES if arguments.reserve else (1.0,)
     outcome = plan_with_reserve(TwoStageCoursePlanner(), course, shares, presses=())
@@ -159,7 +159,7 @@ def ran(plan: Accepted | str, index: int, wrong: str, share: float, mode: str, a
     return Ran(solvable=solvable, why=report.message, stood=stood, report=report)
 
 
-def course_of(name: str, seed: int, index: int, amount: float) -> Course:
+def course_of(name: str, seed: int, index: int, amount: float) -> Problem:
     """The course of one index, the same for every share and mode; the first is not perturbed."""
     if index == 0:
         return read_course(name)
@@ -173,12 +173,12 @@ def settings_of(mode: str, replan_m: float, shares: tuple[float, ...]) -> LoopSe
     return LoopSettings(replan_m=replan_m, shares=shares, learn_friction=mode == "anew")
 
 
-def solved(course: Course) -> bool:
+def solved(course: Problem) -> bool:
     """Whether the planner finds a plan."""
     return TwoStageCoursePlanner().solve(course).solution is not None
 
 
-def losing(course: Course, share: float, at_s: float) -> World:
+def losing(course: Problem, share: float, at_s: float) -> World:
     """A world that has this share of the friction from a time on."""
     world = SlippingWorld(course.robot, share=share, gravity_m_s2=course.gravity_m_s2)
     world.inject("friction differs", at_s)

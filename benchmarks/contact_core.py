@@ -34,8 +34,7 @@ from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.search.exact import ExactPlanner
@@ -147,7 +146,7 @@ def ice(options: Arguments) -> Iterator[dict[str, Any]]:
     }  # fmt: skip
 
 
-def refuted(name: str, seed: int) -> Iterator[PostureProblem]:
+def refuted(name: str, seed: int) -> Iterator[Problem]:
     """Natural draws whose infeasibility takes cuts in space."""
     rng, exact, source = np.random.default_rng(seed), ExactPlanner(), distribution(name)
     while True:
@@ -164,7 +163,7 @@ def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[st
             exact, planner = ExactPlanner(), TwoStageCoursePlanner()
             statuses, accepted, posture_s, course_s = Counter[str](), 0, list[float](), list[float]()
             for problem, _ in zip(refuted(name, options.seed), range(options.count), strict=False):
-                course = repeated(Course.of_posture(problem), copies)
+                course = repeated(problem.course(), copies)
                 begin = time.process_time()
                 exact.solve(problem)
                 middle = time.process_time()
@@ -181,7 +180,7 @@ def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[st
             }  # fmt: skip
 
 
-def repeated(course: Course, frames: int) -> Course:
+def repeated(course: Problem, frames: int) -> Problem:
     """The first frame of a course, held for so many frames."""
     return replace(
         course, lifts=((),) * frames, com_nominal_m=np.repeat(course.com_nominal_m[:1], frames, axis=0),
@@ -193,7 +192,7 @@ def foreign(options: Arguments) -> Iterator[dict[str, Any]]:
     """Certificates put to problems that have a posture: other problems, or trees and multipliers that were changed."""
     for name in DISTRIBUTIONS:
         rng, exact, source = np.random.default_rng(options.seed), ExactPlanner(), distribution(name)
-        feasible, proofs = list[PostureProblem](), list[Certificate]()
+        feasible, proofs = list[Problem](), list[Certificate]()
         while len(feasible) < 60 or len(proofs) < 20:
             problem = source.sample(rng)
             outcome = exact.solve(problem)

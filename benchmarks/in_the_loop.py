@@ -37,8 +37,8 @@ from stancekit.motions import policy_of
 from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.candidates import NoFooting
-from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -96,7 +96,7 @@ class Way:
         self.inside = self.plans = 0
         self.seconds.clear()
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """Plan, and count whose plan it is."""
         if self.policy is None:
             outcome = self._lift.solve(course)
@@ -135,7 +135,7 @@ def on_ice(arguments: Arguments, ways: dict[str, Way]) -> None:
         })  # fmt: skip
 
 
-def icy(arguments: Arguments, rng: np.random.Generator) -> Course:
+def icy(arguments: Arguments, rng: np.random.Generator) -> Problem:
     """Walls with ice that have something for every toe."""
     while True:
         try:
@@ -193,7 +193,7 @@ def unknown_friction(arguments: Arguments, ways: dict[str, Way]) -> None:
             })  # fmt: skip
 
 
-def loop(course: Course, share: float, policy: SelectorPolicy | None) -> Ran:
+def loop(course: Problem, share: float, policy: SelectorPolicy | None) -> Ran:
     """One closed loop over a course, in a world that has this share of its friction."""
     has = slippery(course, share)
     world = make_world("mujoco", course.robot, gravity_m_s2=course.gravity_m_s2)

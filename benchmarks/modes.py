@@ -3,7 +3,7 @@
     python benchmarks/modes.py [--courses 20] [--seed 2] [--samples 500] [--share 0] [--json]
 
 The modes are learned from solved postures of ground-3 and wall-3 (seed 0), never from courses. A course counts as right
-where the plan is accepted and z of every frame is the mode of the terrain under it (``Course.modes``).
+where the plan is accepted and z of every frame is the mode of the terrain under it (``Problem.modes``).
 """
 
 from __future__ import annotations

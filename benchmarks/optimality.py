@@ -25,7 +25,8 @@ from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course, Foothold, StepLimits
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.problem import Foothold, StepLimits
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.search.answer import Planner
@@ -47,7 +48,7 @@ class Arguments(Options):
     """Folder of finished courses; another run goes on from them."""
 
 
-def course_of(index: int, seed: int) -> tuple[str, Course]:
+def course_of(index: int, seed: int) -> tuple[str, Problem]:
     """A kind and a course; the same ones for the same numbers."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
     kinds = (*SMALL, "tilted")
@@ -60,7 +61,7 @@ def course_of(index: int, seed: int) -> tuple[str, Course]:
     return f"{kind}, pulled", pulled(course, rng)
 
 
-def pulled(course: Course, rng: np.random.Generator) -> Course:
+def pulled(course: Problem, rng: np.random.Generator) -> Problem:
     """With up to a third less friction, a body that may go three times as far, and a goal .2 m off."""
     less = rng.uniform(0.67, 1.0)
     footholds = tuple(
@@ -74,7 +75,7 @@ def pulled(course: Course, rng: np.random.Generator) -> Course:
     )  # fmt: skip
 
 
-def tilted(rng: np.random.Generator, frames: int) -> Course:
+def tilted(rng: np.random.Generator, frames: int) -> Problem:
     """Four limbs between two walls of small patches, each tilted and slippery in its own way; one limb moves."""
     names = ("LF", "LR", "RF", "RR")
     robot = Robot(name="four limbs", mass_kg=10.0, limbs=hexapod().select(names))
@@ -86,7 +87,7 @@ def tilted(rng: np.random.Generator, frames: int) -> Course:
         for limb in robot.limbs
         if k == 0 or limb.name in lifts[k]
     )
-    return Course(
+    return Problem(
         name="tilted", robot=robot, terrain=tuple(put.candidates[0] for put in footholds), footholds=footholds,
         lifts=lifts, com_nominal_m=com, com_radius_m=np.full(frames, 0.05),
         goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3), steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
@@ -126,7 +127,7 @@ def main(options: Arguments) -> None:
         show(rows)
 
 
-def measured(head: dict[str, Any], course: Course, planners: dict[str, Planner]) -> dict[str, Any]:
+def measured(head: dict[str, Any], course: Problem, planners: dict[str, Planner]) -> dict[str, Any]:
     """What every planner answers."""
     return head | {"frames": course.frames} | {name: summary(one.solve(course)) for name, one in planners.items()}
 

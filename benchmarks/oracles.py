@@ -29,7 +29,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.micp import MicpGrid
 from stancekit.planners.search.answer import Planner
@@ -115,7 +115,7 @@ class Score:
         }
 
 
-Ask = Callable[[PostureProblem], Said]
+Ask = Callable[[Problem], Said]
 
 
 def solver(name: str, options: Arguments) -> Ask:
@@ -140,7 +140,7 @@ def solver(name: str, options: Arguments) -> Ask:
     return partial(ask_bilinear, module, form, Programs(), limit)
 
 
-def ask_planner(planner: Planner, problem: PostureProblem) -> Said:
+def ask_planner(planner: Planner, problem: Problem) -> Said:
     """Ask a planner, whose call includes projection and verification."""
     begin = time.process_time()
     outcome = planner.solve(problem)
@@ -160,7 +160,7 @@ def ask_bilinear(
     form: bilinear.Form,
     programs: Programs,
     limit_s: float,
-    problem: PostureProblem,
+    problem: Problem,
 ) -> Said:
     """Ask a spatial branch and bound; its point is projected and verified outside the clock."""
     begin = time.process_time()
@@ -181,12 +181,12 @@ def ask_bilinear(
     )
 
 
-def hard_postures(options: Arguments) -> tuple[list[tuple[PostureProblem, Status]], Counter[str]]:
+def hard_postures(options: Arguments) -> tuple[list[tuple[Problem, Status]], Counter[str]]:
     """Draw until both halves are full; also what was drawn and left out."""
     planner, rng = ExactPlanner(time_limit_s=options.time_limit_s), np.random.default_rng(options.seed)
     drawn, out = distribution(options.problem), Counter[str]()
     room = {Status.FEASIBLE: options.count - options.count // 2, Status.INFEASIBLE: options.count // 2}
-    postures: list[tuple[PostureProblem, Status]] = []
+    postures: list[tuple[Problem, Status]] = []
     while any(room.values()):
         problem = drawn.sample(rng)
         outcome = planner.solve(problem)

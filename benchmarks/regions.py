@@ -29,7 +29,7 @@ from stancekit.planners.equilibrium.layout import Index
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.search.answer import Acceptance, Claim, plan_of
@@ -60,7 +60,7 @@ class Peer:
     def __init__(self, name: str, programs: Programs, time_limit_s: float) -> None:
         self.name, self._programs, self._limit = name, programs, time_limit_s
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP: the cones."""
         clock, scaled = Clock.start(), Scaled.of(course)
         mixed = region_peers.Mixed.of(self._programs.get(LiftProgram, scaled.layout, False, False), scaled)
@@ -140,7 +140,7 @@ def course_row(
     return row
 
 
-def measured(planner: Any, course: Course) -> dict[str, Any]:
+def measured(planner: Any, course: Problem) -> dict[str, Any]:
     """One planner's answer to one course."""
     begin = time.perf_counter()
     outcome = planner.solve(course)

@@ -22,9 +22,10 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.problem.posture import Contact, PostureProblem
 from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
 from stancekit.planners.robot.model import Robot
@@ -167,7 +168,7 @@ def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
     return errors
 
 
-def natural_posture(model: RobotModel, robot: Robot, rng: np.random.Generator) -> PostureProblem:
+def natural_posture(model: RobotModel, robot: Robot, rng: np.random.Generator) -> Problem:
     """All legs on squares about where the robot stands."""
     contacts = []
     for leg, limb, toe in zip(model.legs, robot.limbs, standing_toes(model), strict=True):
@@ -183,7 +184,7 @@ def natural_posture(model: RobotModel, robot: Robot, rng: np.random.Generator) -
             Contact(leg=limb.name, shoulder_m=limb.shoulder_m, reach_m=limb.reach_m, patch=patch,
                     force_min=np.array([0.0, -1.0, -1.0]), force_max=np.ones(3), reach_rows=limb.reach_rows)
         )  # fmt: skip
-    return PostureProblem(
+    return Problem.posture(
         contacts=tuple(contacts), mass_kg=robot.mass_kg, com_nominal_m=np.zeros(3), com_radius_m=MOVED_M
     )
 

@@ -59,7 +59,7 @@ def frames(contact: Any) -> Array:
     return np.stack([n, np.cross(z, n), z], axis=1)
 
 
-def second(problem: stancekit.PostureProblem, limit_s: float) -> Second:
+def second(problem: stancekit.Problem, limit_s: float) -> Second:
     """Ask SCIP for a posture; forces in units of the force scale."""
     model = Model()
     model.hideOutput()
@@ -67,11 +67,12 @@ def second(problem: stancekit.PostureProblem, limit_s: float) -> Second:
     model.setParam("limits/solutions", 1)
     model.setParam("numerics/feastol", 1e-9)
     weight = problem.mass_kg * problem.gravity_m_s2 / problem.force_scale_n
-    com = [_free(model, c, problem.com_radius_m) for c in problem.com_nominal_m]
+    home, radius = problem.com_nominal_m[0], float(problem.com_radius_m[0])
+    com = [_free(model, c, radius) for c in home]
     tilt = [_free(model, 0.0, problem.tilt_limit_rad) for _ in range(3)]
     model.addCons(
-        quicksum((c - float(n)) * (c - float(n)) for c, n in zip(com, problem.com_nominal_m, strict=True))
-        <= problem.com_radius_m**2
+        quicksum((c - float(n)) * (c - float(n)) for c, n in zip(com, home, strict=True))
+        <= radius**2
     )
     net: list[Any] = [0.0, 0.0, -weight]
     moment: list[Any] = [-weight * com[1], weight * com[0], 0.0]
@@ -100,14 +101,15 @@ def second(problem: stancekit.PostureProblem, limit_s: float) -> Second:
     return Second(label="infeasible" if model.getStatus() == "infeasible" else "unknown", cpu_s=spent)
 
 
-def worst(problem: stancekit.PostureProblem, com: Array, tilt: Array, point: list[tuple[Array, Array]]) -> float:
+def worst(problem: stancekit.Problem, com: Array, tilt: Array, point: list[tuple[Array, Array]]) -> float:
     """Largest violation of a posture, from the problem's numbers alone; lengths over the length scale."""
     length, weight = problem.length_scale_m, problem.mass_kg * problem.gravity_m_s2 / problem.force_scale_n
     up = np.array([0.0, 0.0, weight])
     net = sum((f for _, f in point), -up)
     moment = sum((np.cross(t - com, f) for t, f in point), np.zeros(3)) / length
     found = [
-        *np.abs(net), *np.abs(moment), (np.linalg.norm(com - problem.com_nominal_m) - problem.com_radius_m) / length,
+        *np.abs(net), *np.abs(moment),
+        (np.linalg.norm(com - problem.com_nominal_m[0]) - problem.com_radius_m[0]) / length,
         np.abs(tilt).max() - problem.tilt_limit_rad,
     ]  # fmt: skip
     for contact, (toe, force) in zip(problem.contacts, point, strict=True):

@@ -29,7 +29,7 @@ from walks import ROBOTS, robot_file
 from walks import planned as walk_file
 
 from stancekit.planners.formats.plan_file import write_plan
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.robot_file import named_robot
@@ -118,7 +118,7 @@ def accepted(case: str, robots: Path | None, keep: Path) -> Accepted | AcceptedG
     return climb(build_course(spec_from(scene_course(named_robot(file), str(file)))), keep / f"{name}-step-plan.json")
 
 
-def climb(course: Course, path: Path) -> Accepted | str:
+def climb(course: Problem, path: Path) -> Accepted | str:
     """The accepted plan of a course."""
     if not path.exists():
         outcome = with_whole_body(plan_with_reserve(make_planner("two-stage", of="courses"), course))

@@ -27,7 +27,7 @@ from robots import robots
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.plan_joints import plan_angles
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.whole_body import whole_body
@@ -83,7 +83,7 @@ def main(options: Torques) -> None:
         print(f"judging, s of CPU: {spread([row['judged_s'] for row in planned])}")
 
 
-def courses(options: Torques) -> Iterator[tuple[str, Course | str]]:
+def courses(options: Torques) -> Iterator[tuple[str, Problem | str]]:
     """Names and courses, or what is wrong with one."""
     folder = options.courses
     files = [] if folder is None else [str(path) for path in sorted(folder.glob("*.yaml"))]
@@ -107,7 +107,7 @@ def courses(options: Torques) -> Iterator[tuple[str, Course | str]]:
             yield Path(file).stem, str(error)
 
 
-def measured(name: str, course: Course, options: Torques) -> Row:
+def measured(name: str, course: Problem, options: Torques) -> Row:
     """One row."""
     begin = time.process_time()
     outcome = plan_with_reserve(make_planner("two-stage", of="courses"), course)

@@ -36,7 +36,7 @@ from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
@@ -72,10 +72,10 @@ def main(arguments: Arguments) -> None:
 class RecordedDistribution(PostureDistribution):
     """A distribution that remembers what it drew, and how long that took."""
 
-    drawn: list[PostureProblem] = field(default_factory=list)
+    drawn: list[Problem] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
-    def sample(self, rng: np.random.Generator) -> PostureProblem:
+    def sample(self, rng: np.random.Generator) -> Problem:
         """Draw and remember."""
         begin = time.process_time()
         self.drawn.append(super().sample(rng))
@@ -141,7 +141,7 @@ class BareLoop:
         self._expert = ExactPlanner(programs=self._programs)
         self._acceptance = Acceptance(tolerance=ADMITTED)
 
-    def run(self, problems: list[PostureProblem], scenes: list[LabelledScene], action: np.ndarray) -> None:
+    def run(self, problems: list[Problem], scenes: list[LabelledScene], action: np.ndarray) -> None:
         """Label all problems; put all scenes through both stages."""
         envelope = Envelope.from_vector(action)
         for problem in problems:

@@ -19,7 +19,7 @@ from .terrain_options import OF_FILE, FootholdOptions, TerrainFile, in_options
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
-    from stancekit.planners.problem.course import Course
+    from stancekit.planners.problem import Problem
     from stancekit.planners.problem.file_terrain import FileTerrain
     from stancekit.planners.robot.model import Robot
     from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
@@ -43,7 +43,7 @@ class Between:
 
     def question(
         self, name: str, frames: int | None, robot: str | None, reach: Path | None
-    ) -> Footholds | Course | str:
+    ) -> Footholds | Problem | str:
         """What ``stancekit.plan`` takes as the course. Raises InvalidInput for options that do not go together."""
         from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.terrain.import_options import SUFFIXES
@@ -78,7 +78,7 @@ class Between:
             who = read_reach(reach, made.limb_names).applied(made)
         return {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
 
-    def course(self, name: str, frames: int | None, robot: str | None) -> Course:
+    def course(self, name: str, frames: int | None, robot: str | None) -> Problem:
         """The course of a file or a name, or over a terrain's file from start to goal. Raises InvalidInput."""
         from stancekit.planners.problem.course_between import laid_between
         from stancekit.planners.problem.course_file import read_course

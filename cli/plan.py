@@ -22,7 +22,7 @@ from .robot_plan import bent_lines
 if TYPE_CHECKING:
     from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.plan import Plan
-    from stancekit.planners.problem.course import Course
+    from stancekit.planners.problem import Problem
     from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
     from stancekit.planners.search.answer import Planner
     from stancekit.planners.verify import Report
@@ -145,7 +145,7 @@ class PlanCourse:
             asked = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
             outcome = plan(question, planner, **asked, body=limits, time_limit_s=left_s)
-        course, report = cast("Course", outcome.problem), outcome.report
+        course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)
         proved = outcome.certificate is not None
@@ -271,7 +271,7 @@ class PlanCourse:
         yield from (f"wrote {path}{refused}" for path in self._outputs())
 
     def _record(
-        self, course: Course, outcome: Answer[Plan], report: Report[Plan] | None, message: str
+        self, course: Problem, outcome: Answer[Plan], report: Report[Plan] | None, message: str
     ) -> dict[str, Any]:
         """Everything as one JSON object."""
         from stancekit.planners.answer.report import or_null, plan_arrays

@@ -12,10 +12,10 @@ from rich.text import Text
 if TYPE_CHECKING:
     from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.plan import Plan
-    from stancekit.planners.problem.course import Course
+    from stancekit.planners.problem import Problem
 
 
-def table_of(course: Course, outcome: Answer[Plan]) -> Table:
+def table_of(course: Problem, outcome: Answer[Plan]) -> Table:
     """One row: what was planned, how, and what came of it."""
     table = Table(box=None, header_style="bold")
     for name in ("course", "planner", "frames", "status", "objective", "bound", "compile", "solve"):

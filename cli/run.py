@@ -19,7 +19,7 @@ from .run_table import loop_table, run_table, unused
 from .stops import stop_sources
 
 if TYPE_CHECKING:
-    from stancekit.planners.problem.course import Course
+    from stancekit.planners.problem import Problem
     from stancekit.planners.robot.actuators import Actuators
     from stancekit.runner.acceptance import Accepted, AcceptedGait
     from stancekit.runner.control.envelope_choice import SelectorPolicy
@@ -109,7 +109,7 @@ class RunMotion:
     def run(self) -> int:
         """Check, run, report."""
         from stancekit.motions import LIFT, WORLDS, check_run, policy_of, run
-        from stancekit.planners.problem.course import Course
+        from stancekit.planners.problem import Problem
         from stancekit.runner.acceptance import Accepted, AcceptedGait
         from stancekit.runner.report import RunReport
         from stancekit.runner.safety.estop import on_signals
@@ -144,7 +144,7 @@ class RunMotion:
                 stop_sources(stack, self.stop_file, self.stop_topic, armed=self.arm, check=self._estop())
             )
             if led:
-                assert isinstance(made_for, Course)
+                assert isinstance(made_for, Problem)
                 policy = policy_of(self.policy or LIFT, made_for)
             bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
             report = run(
@@ -162,7 +162,7 @@ class RunMotion:
             return self._report(report.succeeded, report.to_json(), run_table(report))
         return self._report(report.succeeded, *_led(report, policy))
 
-    def _request(self) -> Accepted | AcceptedGait | Course:
+    def _request(self) -> Accepted | AcceptedGait | Problem:
         """What PLAN is. Raises InvalidInput for what cannot be run, or not with these options."""
         from stancekit.motions import accepted_of, led_by_policy
 

@@ -18,7 +18,7 @@ from .names import PROJECTION, named
 from .options import OptionalFloat, OptionalPath, OptionalText, check_planner
 
 if TYPE_CHECKING:
-    from stancekit.planners.problem import PostureProblem
+    from stancekit.planners.problem import Problem
     from stancekit.planners.search.answer import Planner
 
 LIMITED = ("exact", "nlp", "micp")
@@ -113,7 +113,7 @@ class SolvePostures:
         if self.method in METHODS and self.method not in LIMITED and self.time_limit_s is not None:
             raise InvalidInput(f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got {self.method}")
 
-    def _answer(self, where: str, problem: PostureProblem | InvalidInput, planner: Planner) -> dict[str, Any]:
+    def _answer(self, where: str, problem: Problem | InvalidInput, planner: Planner) -> dict[str, Any]:
         if isinstance(problem, InvalidInput):
             return _invalid(where, problem)
         from stancekit.postures import solve
@@ -125,7 +125,7 @@ class SolvePostures:
         return {"where": where, **outcome.to_json(proof=self.certificate)}
 
 
-def _problems(files: tuple[str, ...]) -> Iterator[tuple[str, PostureProblem | InvalidInput]]:
+def _problems(files: tuple[str, ...]) -> Iterator[tuple[str, Problem | InvalidInput]]:
     from stancekit.postures import read_problems
 
     for name in files:

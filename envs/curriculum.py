@@ -10,7 +10,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import checked
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_keys import MOST_EVERYWHERE
 from stancekit.planners.problem.course_layout import build_course
@@ -105,7 +105,7 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
             self._learn(arrived)
         return observation, float(reward), terminated, truncated, info
 
-    def _draw(self, rng: np.random.Generator) -> Course:
+    def _draw(self, rng: np.random.Generator) -> Problem:
         names = tuple(self.levels)
         self._family = names[int(rng.integers(len(names)))]
         self._level = self.levels[self._family]

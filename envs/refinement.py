@@ -23,7 +23,7 @@ from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from .episodes import check_options, checked_render_mode, checked_seed
 from .sampling import MAX_DRAWS
-from .scene_sources import Problem, SceneOptions, SceneSettings
+from .scene_sources import ProblemSource, SceneOptions, SceneSettings
 from .scenes import LabelledScene
 from .selection_task import VERTICES, scene_space
 
@@ -129,7 +129,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
     def __init__(
         self,
-        problem: Problem = "wall-3",
+        problem: ProblemSource = "wall-3",
         *,
         render_mode: str | None = None,
         **options: Unpack[RefinementOptions],

@@ -25,7 +25,7 @@ from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, PlanningFailed, StancekitError
-from stancekit.planners.problem import PostureBatch, PostureProblem
+from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.cuts import CutSearch
 from stancekit.planners.search.exact import ExactPlanner
@@ -95,7 +95,7 @@ class SampledScenes:
         self._whole = bool(getattr(distribution, "whole_words", False))
         self._most, self._count = ahead, 1
         self._ahead: deque[_Drawn] = deque()
-        self._like: tuple[PostureProblem, Scaled] | None = None  # of the last batch, and its numbers
+        self._like: tuple[Problem, Scaled] | None = None  # of the last batch, and its numbers
         self._rest: _Block | None = None
         self._last: Any = None  # state of the generator after the scene that was handed out last
 
@@ -207,7 +207,7 @@ class _Block:
 class _Claim:
     """A problem of a scene to come, what its search claims, and the generator's states before and after its draws."""
 
-    problem: PostureProblem
+    problem: Problem
     scaled: Scaled
     search: CutSearch
     seconds: float

@@ -14,7 +14,7 @@ from .distributions.postures import Distribution, distribution_of
 from .sampling import SampledScenes
 from .scenes import SceneKind, SceneSource
 
-Problem = str | Sampler | SceneKind
+ProblemSource = str | Sampler | SceneKind
 """A distribution by name or as it is, as ``label`` takes it, or the kind of scenes that come from elsewhere."""
 
 
@@ -40,7 +40,7 @@ class SceneSettings:
         if self.scenes is not None and not isinstance(self.scenes, str | Path) and not self.balanced:
             raise InvalidInput("balanced: expected True beside a source of scenes, which draws as it likes, got False")
 
-    def kind(self, problem: Problem) -> Distribution | SceneKind:
+    def kind(self, problem: ProblemSource) -> Distribution | SceneKind:
         """The distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
         if not isinstance(problem, SceneKind):
             return distribution_of(problem, robot=self.robot, terrain=self.terrain)

@@ -16,7 +16,7 @@ from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,7 +27,7 @@ class LabelledScene:
     certificate proves where infeasible. expert_seconds: 0 where the label was read from a data set.
     """
 
-    problem: PostureProblem
+    problem: Problem
     feasible: bool
     posture: Posture | None
     lower_bound: float = 0.0
@@ -51,7 +51,7 @@ class LabelledScene:
         return self.scaled.point(self.posture)
 
     @classmethod
-    def of(cls, problem: PostureProblem, outcome: Answer[Posture]) -> LabelledScene:
+    def of(cls, problem: Problem, outcome: Answer[Posture]) -> LabelledScene:
         """A problem that the expert decided."""
         return cls(
             problem=problem,

@@ -15,7 +15,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 
 from .episodes import check_options, checked_render_mode, checked_seed
 from .reward import RewardWeights as RewardWeights
-from .scene_sources import Problem
+from .scene_sources import ProblemSource
 from .scenes import LabelledScene, seen
 from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
@@ -106,7 +106,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     def __init__(
         self,
-        problem: Problem = "wall-3",
+        problem: ProblemSource = "wall-3",
         *,
         render_mode: str | None = None,
         **options: Unpack[SelectionOptions],

@@ -28,7 +28,7 @@ from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.verify import check_postures
 
 from .reward import USUAL, Judged, RewardWeights, Term, weighted
-from .scene_sources import Problem, SceneOptions, SceneSettings
+from .scene_sources import ProblemSource, SceneOptions, SceneSettings
 from .scenes import LabelledScene
 
 VERTICES = 3
@@ -118,7 +118,7 @@ class SelectionTask:
     The problem is that of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
     """
 
-    def __init__(self, problem: Problem, settings: SelectionSettings) -> None:
+    def __init__(self, problem: ProblemSource, settings: SelectionSettings) -> None:
         chosen = settings.kind(problem)
         library = settings.library
         self._problem = chosen.name

@@ -15,7 +15,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
@@ -152,7 +152,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self._start, self._executor = TwoStageCoursePlanner(programs=programs), settings.executor
         self._horizon, self._weights = settings.horizon, settings.rewards
         self._patience, self._timing = settings.patience, bool(settings.timing)
-        self._course: Course | None = None
+        self._course: Problem | None = None
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
         self._over = True
@@ -212,7 +212,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             raise gym.error.ResetNeeded("reset the environment before asking for the walk")
         return joined(self._course, self._walked)
 
-    def _try(self, course: Course, chosen: int) -> _Try:
+    def _try(self, course: Problem, chosen: int) -> _Try:
         """Plan the next window, have the walk with it verified, execute it."""
         state, planner = Standing.at_end(self._walked[-1]), self._planners[chosen]
         try:
@@ -225,10 +225,10 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         executed = -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
         return _Try(outcome=outcome, plan=plan, executed=executed, planner=-1 if plan is None else chosen)
 
-    def _observe(self, course: Course) -> Features:
+    def _observe(self, course: Problem) -> Features:
         return self._features.observe(course, self._frame, Standing.at_end(self._walked[-1]))
 
-    def _info(self, course: Course, tried: _Try, begin: int = 0) -> dict[str, Any]:
+    def _info(self, course: Problem, tried: _Try, begin: int = 0) -> dict[str, Any]:
         weights, standing = self._weights, Standing.at_end(self._walked[-1])
         coming = range(self._frame + 1, self._frame + 1 + self._horizon)
         modes, outcome, clock = course.modes or (), tried.outcome, float(self._timing)

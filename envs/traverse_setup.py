@@ -16,8 +16,8 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import check_numbers, checked, checked_int
 from stancekit.planners.files.validation import shown, typed
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.candidates import NoFooting
-from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_spec, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_terrain import FileTerrain
@@ -36,7 +36,7 @@ from .learned_selectors import LearnedSelector, class_envelopes
 
 DRAWS = 50
 """Of a source that has nothing for some toe, before it is given up."""
-CourseSource = Callable[[np.random.Generator], Course]
+CourseSource = Callable[[np.random.Generator], Problem]
 Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | CourseSource
 """What courses are drawn from: names, files and descriptions, also as mappings with a file's keys; or a function."""
 Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector | str | Path
@@ -80,7 +80,7 @@ class TraverseWeights:
         check_numbers(self, finite=self.__dataclass_fields__)
 
 
-def path_length_m(course: Course) -> float:
+def path_length_m(course: Problem) -> float:
     """Length of the nominal path [m]; 1 where it does not move."""
     length = float(np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1).sum())
     return length if length > 1e-9 else 1.0
@@ -176,7 +176,7 @@ class Perturbed:
     specs: tuple[CourseSpec, ...]
     amount: float
 
-    def __call__(self, rng: np.random.Generator) -> Course:
+    def __call__(self, rng: np.random.Generator) -> Problem:
         """Draw one. Raises NoFooting."""
         return perturbed(self.specs[int(rng.integers(len(self.specs)))], rng, amount=self.amount)
 
@@ -187,7 +187,7 @@ class WithFooting:
 
     draw: CourseSource
 
-    def __call__(self, rng: np.random.Generator) -> Course:
+    def __call__(self, rng: np.random.Generator) -> Problem:
         """Draw a course. Raises PlanningFailed after DRAWS."""
         for _ in range(DRAWS):
             try:

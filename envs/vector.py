@@ -29,7 +29,7 @@ from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.validation import shown
 
 from .episodes import check_options, checked_mask, checked_render_mode, checked_seed
-from .scene_sources import Problem
+from .scene_sources import ProblemSource
 from .scenes import LabelledScene, all_seen
 from .selection import picture
 from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
@@ -60,7 +60,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     def __init__(
         self,
         num_envs: int = 1,
-        problem: Problem = "wall-3",
+        problem: ProblemSource = "wall-3",
         *,
         workers: int = 1,
         render_mode: str | None = None,
@@ -295,7 +295,7 @@ class _Worker:
             self._process.terminate()
 
 
-def _made(problem: Problem, options: SelectionOptions, size: int) -> _Batch:
+def _made(problem: ProblemSource, options: SelectionOptions, size: int) -> _Batch:
     return _Batch(SelectionTask(problem, SelectionSettings(**options)), size)
 
 

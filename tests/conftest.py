@@ -18,7 +18,7 @@ from hypothesis import settings
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.robot import hexapod
 from stancekit.planners.terrain import Patch
 from tests.emulators.pulse import Pulse
@@ -81,24 +81,24 @@ def programs() -> Programs:
 
 
 @pytest.fixture(scope="session")
-def drawn() -> Callable[[str, int], PostureProblem]:
+def drawn() -> Callable[[str, int], Problem]:
     """``drawn(name, seed)``: the first problem that a distribution draws from this seed."""
     return cache(lambda name, seed: DISTRIBUTIONS[name].sample(np.random.default_rng(seed)))
 
 
 @pytest.fixture(scope="session")
-def mixed() -> Callable[[int, tuple[int, ...]], PostureProblem]:
+def mixed() -> Callable[[int, tuple[int, ...]], Problem]:
     """``mixed(seed, corners)``: limbs on uneven ground, one polygon of so many corners each."""
     return cache(_mixed)
 
 
 @pytest.fixture(scope="session")
-def written() -> Callable[[PostureProblem], Written]:
+def written() -> Callable[[Problem], Written]:
     """Paper E §II written from the problem's own numbers, contact by contact, sharing no line with the planners."""
     return Written
 
 
-def _mixed(seed: int, corners: tuple[int, ...]) -> PostureProblem:
+def _mixed(seed: int, corners: tuple[int, ...]) -> Problem:
     rng = np.random.default_rng(seed)
     contacts = []
     for limb, count in zip(hexapod().select(("RF", "LR", "LF", "RR", "RM", "LM")), corners, strict=False):
@@ -126,7 +126,7 @@ def _mixed(seed: int, corners: tuple[int, ...]) -> PostureProblem:
                 force_max=[rng.uniform(0.5, 1.0), *shear[2:]],
             )
         )
-    return PostureProblem(contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.05)
+    return Problem.posture(contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.05)
 
 
 @dataclass(eq=False)
@@ -136,7 +136,7 @@ class Written:
     positions: p of E2, shape (N, 3); forces: f of E3, shape (N, 3). ``on_patches`` is separate, for toes held.
     """
 
-    problem: PostureProblem
+    problem: Problem
     com: cp.Variable = field(default_factory=lambda: cp.Variable(3))
     rotation: cp.Variable = field(default_factory=lambda: cp.Variable(3))
 
@@ -149,7 +149,7 @@ class Written:
         self.vertices = [contact.patch.vertices_m / length for contact in problem.contacts]
         self.frames = [frame_of(contact.patch) for contact in problem.contacts]
         self.body = [
-            cp.norm(self.com - problem.com_nominal_m / length) <= problem.com_radius_m / length,
+            cp.norm(self.com - problem.com_nominal_m[0] / length) <= problem.com_radius_m[0] / length,
             cp.abs(self.rotation) <= problem.tilt_limit_rad,
         ]
         self.on_patches, self.in_reach, self.in_cones = [], [], []

@@ -23,9 +23,7 @@ from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.proof_file import read_proof
-from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course
-from stancekit.planners.problem.course_json import course_to_json
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.posture_batch import PostureBatch
 from stancekit.planners.projection.support_margin import PRESSES
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
@@ -51,7 +49,7 @@ class Question:
     name: str
     expected: str
     keys: Mapping[str, Any] = field(default_factory=dict)
-    posture: PostureProblem | None = None
+    posture: Problem | None = None
     torque_nm: float | None = None
 
     def file(self, folder: Path) -> Path:
@@ -168,7 +166,7 @@ def by_playground(question: Question, folder: Path) -> Reply:
 
 def by_replan(question: Question, folder: Path) -> Reply:
     """``replan``, the function of the closed loop and of Traverse-v0, asked for the whole course with its limits."""
-    course = stancekit.load(question.file(folder), Course)
+    course = stancekit.load(question.file(folder), Problem)
     limits = WholeBodyLimits(torque_nm=question.torque_nm)
     return _reply(replan(None, course, shares=SHARES, presses=PRESSES, limits=limits))
 
@@ -229,13 +227,13 @@ def differences(replies: Mapping[str, Mapping[str, Reply]]) -> list[str]:
     return found
 
 
-def digest_of(problem: PostureProblem | Course) -> str:
+def digest_of(problem: Problem) -> str:
     """SHA-256 of a problem as its file has it, and of the name of nothing: a course of another name is the same."""
-    data = problem.to_json() if isinstance(problem, PostureProblem) else {**course_to_json(problem), "name": ""}
+    data = problem.to_json() if problem.is_posture else {**problem.to_json(), "name": ""}
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
-def _proved(status: str, problem: PostureProblem | Course) -> str:
+def _proved(status: str, problem: Problem) -> str:
     return digest_of(problem) if status == "infeasible" else ""
 
 

@@ -19,7 +19,7 @@ import yaml
 
 from stancekit.cli.main import main
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_posture
 
@@ -156,7 +156,7 @@ def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answe
     examples = [json.loads(text) for _, language, text in blocks("docs/formats.md") if language == "json"]
     assert examples
     for example in examples:
-        problem = PostureProblem.from_json(example)
+        problem = Problem.from_json(example)
         outcome = ExactPlanner().solve(problem)
         assert outcome.status is not Status.UNDECIDED
         assert outcome.solution is None or check_posture(problem, outcome.solution).accepted

@@ -13,7 +13,7 @@ from stancekit.planners.answer.posture import Posture
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.terrain import Patch
@@ -49,7 +49,7 @@ COUNT_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eig
 class PostureView:
     """A posture problem, and a posture where there is one, as something to look at."""
 
-    problem: PostureProblem
+    problem: Problem
     posture: Posture | None
 
     @property
@@ -60,7 +60,7 @@ class PostureView:
     @property
     def com_m(self) -> Array:
         """Of the posture, else the nominal one, shape (3,)."""
-        return self.problem.com_nominal_m if self.posture is None else self.posture.com_m
+        return self.problem.com_nominal_m[0] if self.posture is None else self.posture.com_m
 
     @cached_property
     def rotation_rad(self) -> Array:
@@ -96,7 +96,7 @@ class PostureView:
     def extent_m(self) -> Array:
         """Lowest and highest coordinates of patches and shoulders before anything is solved, shape (2, 3)."""
         vertices = [patch.vertices_m for patch in self.patches]
-        points = np.concatenate([*vertices, self.problem.com_nominal_m + self.mounts_m])
+        points = np.concatenate([*vertices, self.problem.com_nominal_m[0] + self.mounts_m])
         return np.array([points.min(axis=0), points.max(axis=0)])
 
     @property
@@ -118,7 +118,7 @@ class PostureView:
     def camera(self) -> Camera:
         """From where the patches show their faces, stand apart and are not behind the body."""
         centres, normals = np.array([(patch.centre_m, patch.normal) for patch in self.patches]).swapaxes(0, 1)
-        home = self.problem.com_nominal_m
+        home = self.problem.com_nominal_m[0]
         points = np.concatenate([centres, home + self.mounts_m])
         radius = max(float(np.mean(np.linalg.norm(self.mounts_m[:, :2], axis=1))), 0.1 * self.size_m)
 
@@ -229,7 +229,7 @@ class PostureView:
         """The outline of the ball that the centre of mass may move in."""
         turn = np.linspace(0.0, 2.0 * np.pi, 49)
         circle = np.column_stack([np.cos(turn), np.sin(turn)]) @ self.camera.axes[:2]
-        outline = self.problem.com_nominal_m + self.problem.com_radius_m * circle
+        outline = self.problem.com_nominal_m[0] + self.problem.com_radius_m * circle
         fill = Facet(
             corners_m=outline, normal=self.camera.axes[2], colour=INK, opacity=0.04, layer=Layer.TOP, lift_m=-9.0
         )
@@ -239,7 +239,7 @@ class PostureView:
 
 @DEFAULT_STYLE
 def draw_posture(
-    problem: PostureProblem,
+    problem: Problem,
     posture: Posture | None = None,
     *,
     envelope: Envelope | None = None,
@@ -287,13 +287,13 @@ def _words(view: PostureView, caption: str, why: str) -> tuple[str, str]:
         return caption or f"{len(problem.contacts)} contacts, {weight}: no posture", why or unknown
     count = len(problem.contacts)
     limbs = f"{COUNT_WORDS[count] if count < len(COUNT_WORDS) else count} limb{'s' if count > 1 else ''}"
-    away_mm = 1e3 * float(np.linalg.norm(posture.com_m - problem.com_nominal_m))
+    away_mm = 1e3 * float(np.linalg.norm(posture.com_m - problem.com_nominal_m[0]))
     tilt_deg = np.rad2deg(np.linalg.norm(posture.rotation_rad))
     moved = f"centre of mass {away_mm:.0f} mm from nominal   ·   body turned by {tilt_deg:.1f}°"
     return caption or f"held by {limbs}, {weight}", f"{moved}   ·   grid {view.grid_m:g} m"
 
 
-def _point(problem: PostureProblem, posture: Posture) -> Array:
+def _point(problem: Problem, posture: Posture) -> Array:
     """[p, f] of E2–E4, shape (N, 6)."""
     frames = np.array([contact.patch.frame for contact in problem.contacts])
     forces = np.einsum("nji,nj->ni", frames, posture.forces_n) / float(problem.force_scale_n or 1.0)

@@ -25,7 +25,7 @@ def ground(corner_x: float, corner_y: float, friction: float, lean: float = 0.0)
     return stancekit.Patch(vertices_m=corners, normal=normal, shear_reference=[1, 0, 0], friction=friction)
 
 
-def problem_on(patches: dict[str, stancekit.Patch]) -> stancekit.PostureProblem:
+def problem_on(patches: dict[str, stancekit.Patch]) -> stancekit.Problem:
     """These limbs on these patches, a body that may move 8 cm."""
     contacts = [
         stancekit.Contact(
@@ -34,7 +34,7 @@ def problem_on(patches: dict[str, stancekit.Patch]) -> stancekit.PostureProblem:
         )
         for limb in robot.select(list(patches))
     ]  # fmt: skip
-    return stancekit.PostureProblem(
+    return stancekit.Problem.posture(
         contacts=tuple(contacts), mass_kg=robot.mass_kg, com_nominal_m=np.zeros(3), com_radius_m=0.08
     )
 

@@ -17,7 +17,7 @@ from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.robot import Limb, Robot
 
 from .labelled_posture import LabelledPosture, problem_of, row_of
@@ -120,7 +120,7 @@ class Dataset:
         """One row. Raises IndexError, and InvalidInput where the file is damaged."""
         return self._read(index, self._decoded)
 
-    def problems(self) -> Iterator[PostureProblem]:
+    def problems(self) -> Iterator[Problem]:
         """The problems of all rows, one after the other; equal to what was drawn to the last bit."""
         return (self._read(index, self._problem) for index in range(len(self)))
 
@@ -224,7 +224,7 @@ class Dataset:
         limbs = tuple(Limb(name=leg, shoulder_m=np.zeros(3), reach_m=1.0) for leg in self.header.legs)
         return Robot(name=self.problem_class, mass_kg=1.0, limbs=limbs)
 
-    def _problem(self, raw: dict[str, Any]) -> PostureProblem:
+    def _problem(self, raw: dict[str, Any]) -> Problem:
         return problem_of(raw, self._robot)
 
     def _decoded(self, raw: dict[str, Any]) -> LabelledPosture:

@@ -14,7 +14,7 @@ from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.posture import Posture
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import parse_json
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.robot import Robot
 
 from .ledger import shard_schema
@@ -42,7 +42,7 @@ class LabelledPosture:
     shard: int
     row: int
     sample: int
-    problem: PostureProblem
+    problem: Problem
     status: Status
     trivial: bool = False
     posture: Posture | None = None
@@ -62,9 +62,9 @@ class LabelledPosture:
         return "trivial" if self.trivial else str(self.status)
 
 
-def problem_of(raw: dict[str, Any], robot: Robot) -> PostureProblem:
+def problem_of(raw: dict[str, Any], robot: Robot) -> Problem:
     """The problem of a shard's row, equal to what was drawn to the last bit; robot: any with the legs of the set."""
-    return PostureProblem.from_json(parse_json(raw["problem"], "problem"), robot=robot)
+    return Problem.from_json(parse_json(raw["problem"], "problem"), robot=robot)
 
 
 def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:

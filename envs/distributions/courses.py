@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
@@ -35,7 +35,7 @@ SMALL = ("stairs", "walls", "tube", "icy-walls")
 
 def perturbed(
     course: str | Path | CourseSpec, rng: np.random.Generator, *, frames: int | None = None, amount: float = 1.0
-) -> Course:
+) -> Problem:
     """A course like this one: other heights, distances, leans, friction and panels, the same path and gait.
 
     amount: scales every deviation; 1 keeps the built-in courses climbable for the default hexapod. Scenes of families
@@ -53,7 +53,7 @@ def perturbed(
     raise InvalidInput(f"{spec.name}: expected walls that offer every toe some grip, got none in {REDRAWS} draws")
 
 
-def icy_walls(rng: np.random.Generator, frames: int = 8, regions: int = 4, *, ice: float = ICE) -> Course:
+def icy_walls(rng: np.random.Generator, frames: int = 8, regions: int = 4, *, ice: float = ICE) -> Problem:
     """The built-in walls with panels of .3 m, each without friction by this chance, whether or not that can be climbed.
 
     regions: candidate patches a toe, the nearest panels whether icy or not (paper E §IV-B.2).
@@ -64,7 +64,7 @@ def icy_walls(rng: np.random.Generator, frames: int = 8, regions: int = 4, *, ic
     return build_course(spec.model_copy(update={"terrain": terrain, "candidates": candidates}), Path())
 
 
-def grips(course: Course) -> bool:
+def grips(course: Problem) -> bool:
     """Every foothold has a candidate with friction."""
     return all(any(patch.friction > 0.0 for patch in foothold.candidates) for foothold in course.footholds)
 

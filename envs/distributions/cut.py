@@ -21,7 +21,7 @@ from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_bytes
-from stancekit.planners.problem import PostureBatch, PostureProblem
+from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.robot_model import IDENTITY_DIGITS
 from stancekit.planners.terrain import Patch
@@ -144,7 +144,7 @@ class CutDistribution:
     places: Places
     terrain: str = "ground"
 
-    def sample(self, rng: np.random.Generator) -> PostureProblem:
+    def sample(self, rng: np.random.Generator) -> Problem:
         """Draw one posture problem. Raises InvalidInput where the terrain has no place for all legs."""
         return self.batch(rng, 1).problem(0)
 
@@ -201,7 +201,7 @@ class CutDistribution:
         return KDTree(self.places.points_m)
 
     @cached_property
-    def _plain(self) -> PostureProblem:
+    def _plain(self) -> Problem:
         return plain_problem(self.robot, self.legs, self.stance, shear=FORWARD)
 
 

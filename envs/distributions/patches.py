@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stancekit.planners.files.arrays import Array, cross
-from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.robot import Robot
 from stancekit.planners.terrain import Patch
 
@@ -20,7 +20,7 @@ FORWARD, UPWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 def plain_problem(
     robot: Robot, legs: Sequence[str], stance: NominalStance, *, shear: Sequence[float]
-) -> PostureProblem:
+) -> Problem:
     """The problem with every patch in its nominal place, the smallest that is drawn, and without friction."""
     triangles = stance.centre_m[:, None] + triangle(
         stance.normal, np.full(len(legs), stance.circumradius_m[0]), np.zeros(len(legs))
@@ -37,7 +37,7 @@ def plain_problem(
         )
         for limb, corners, normal in zip(robot.select(legs), triangles, stance.normal, strict=True)
     )
-    return PostureProblem(
+    return Problem.posture(
         contacts=contacts, mass_kg=robot.mass_kg, com_nominal_m=np.zeros(3), com_radius_m=stance.com_radius_m,
         length_scale_m=stance.length_scale_m, tilt_limit_rad=stance.tilt_limit_rad, robot=robot.identity,
     )  # fmt: skip

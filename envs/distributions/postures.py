@@ -18,7 +18,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.validation import validated
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
-from stancekit.planners.problem import PostureBatch, PostureProblem
+from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS, Sampler
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import BUILT_IN
@@ -49,7 +49,7 @@ class Distribution(Protocol):
         """The limbs of every problem."""
         ...
 
-    def sample(self, rng: np.random.Generator) -> PostureProblem:
+    def sample(self, rng: np.random.Generator) -> Problem:
         """Draw one posture problem."""
         ...
 
@@ -86,7 +86,7 @@ class PostureDistribution:
     stance: NominalStance | None = None
     whole_words: ClassVar[bool] = True  # every number is a uniform double
 
-    def sample(self, rng: np.random.Generator) -> PostureProblem:
+    def sample(self, rng: np.random.Generator) -> Problem:
         """Draw one posture problem."""
         return self.batch(rng, 1).problem(0)
 
@@ -123,7 +123,7 @@ class PostureDistribution:
         return plane_of(self._about[0].normal)
 
     @cached_property
-    def _plain(self) -> PostureProblem:
+    def _plain(self) -> Problem:
         """The problem with every patch in its nominal place."""
         shear = FORWARD if self.terrain == "ground" else UPWARD
         return plain_problem(self.robot, self.legs, self._about[0], shear=shear)
@@ -159,11 +159,11 @@ class OwnDistribution:
         self.terrain = str(getattr(self._thing, "terrain", name))
         self.legs = self.sample(np.random.default_rng(0)).legs
 
-    def sample(self, rng: np.random.Generator) -> PostureProblem:
+    def sample(self, rng: np.random.Generator) -> Problem:
         """Draw one posture problem. Raises InvalidInput where something else comes."""
         found = self._thing.sample(rng)
-        if not isinstance(found, PostureProblem):
-            raise InvalidInput(f"distribution {self.name}: expected a PostureProblem, got a {type(found).__name__}")
+        if not (isinstance(found, Problem) and found.is_posture):
+            raise InvalidInput(f"distribution {self.name}: expected a Problem, got a {type(found).__name__}")
         return found
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:

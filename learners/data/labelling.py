@@ -198,6 +198,6 @@ def _header(plan: LabelPlan, source: Distribution) -> Header:
         first_sample=hashlib.sha256(json.dumps(first.to_json()).encode()).hexdigest(),
         software=ledger.software(),
         witness=WITNESS,
-        robot=first.robot or None,
+        robot=first.robot.identity or None,
         speaks_of=INNER if any(contact.reach_rows is not None for contact in first.contacts) else None,
     )

@@ -27,7 +27,7 @@ from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem import PostureBatch, PostureProblem
+from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import Decided, decide_all
 from stancekit.planners.search.canonical import solved
@@ -59,7 +59,7 @@ def planned(plan: LabelPlan) -> Distribution:
     return distribution(plan.distribution, robot=plan.robot, terrain=plan.terrain)
 
 
-def samples(plan: LabelPlan, shard: int, source: Distribution | None = None) -> Iterator[PostureProblem]:
+def samples(plan: LabelPlan, shard: int, source: Distribution | None = None) -> Iterator[Problem]:
     """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from 0."""
     source, rng = source or planned(plan), _stream(plan, shard)
     while True:
@@ -158,7 +158,7 @@ class _Labeller:
         return rows, kinds, [round(1e3 * outcome.effort.seconds, 3) for outcome in decided.outcomes]
 
     def _row(
-        self, sample: int, problem: PostureProblem, outcome: Answer[Posture], point: Array | None
+        self, sample: int, problem: Problem, outcome: Answer[Posture], point: Array | None
     ) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
         status, certificate, bound = outcome.status, outcome.certificate, outcome.bound

@@ -24,7 +24,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.plan_file import write_plan
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_scenes, read_course
 from stancekit.planners.search.kinematic import SOLVERS, KinematicPlanner
 from stancekit.planners.search.methods import PlannerOptions, make_planner
@@ -112,7 +112,7 @@ def measure(scene: str, method: str, settings: SceneBenchSettings, plan_file: Pa
     return {**row, **_answer(course, outcome), "cpu_s": cpu_s}
 
 
-def _solved(course: Course, scene: str, method: str, settings: SceneBenchSettings) -> Answer[Plan]:
+def _solved(course: Problem, scene: str, method: str, settings: SceneBenchSettings) -> Answer[Plan]:
     if method in KINEMATIC:
         choice, _, solver = method.partition("-")
         planner = KinematicPlanner(
@@ -123,7 +123,7 @@ def _solved(course: Course, scene: str, method: str, settings: SceneBenchSetting
     return make_planner(method, PlannerOptions(time_limit_s=settings.time_limit_s), of="courses").solve(course)
 
 
-def _answer(course: Course, outcome: Answer[Plan]) -> dict[str, Any]:
+def _answer(course: Problem, outcome: Answer[Plan]) -> dict[str, Any]:
     details, claimed = outcome.details, outcome.claim == "feasible"
     message = outcome.message
     if outcome.certificate is not None:

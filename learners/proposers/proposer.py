@@ -19,7 +19,7 @@ from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import validated
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.learned import check_learned
 from stancekit.planners.search.canonical import Index
 
@@ -80,7 +80,7 @@ class Proposers:
             found.update(name.encode() + tensor.numpy().tobytes())
         return found.hexdigest()
 
-    def check_fits(self, problem: PostureProblem) -> None:
+    def check_fits(self, problem: Problem) -> None:
         """Raise InvalidInput unless the problem is of these legs of this robot, on triangles."""
         learned = f"proposers learned for {self.problem_class}"
         check_learned(self, problem, learned)

@@ -93,7 +93,7 @@ def train_proposers(
                 progress(done + step, settings.proofs + settings.postures)
         done += settings.proofs
     return Proposers(
-        both, problem_class=source.name, legs=drawn.like.legs, robot=drawn.like.robot,
+        both, problem_class=source.name, legs=drawn.like.legs, robot=drawn.like.robot.identity,
         force_scale_n=cast(float, drawn.like.force_scale_n), length_scale_m=drawn.like.length_scale_m,
         provenance={
             "method": "proposers", "settings": asdict(settings), "scenes": len(pool), "history": history,

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.expert import rule_of_thumb
 
 
-def heuristic_envelope(problem_class: str, problems: Sequence[PostureProblem]) -> EnvelopeSet:
+def heuristic_envelope(problem_class: str, problems: Sequence[Problem]) -> EnvelopeSet:
     """Bounds on p from the limbs' workspace, on f for climbing where the mean normals are level, else for walking."""
     first = problems[0]
     shoulders = np.array([contact.shoulder_m for contact in first.contacts])

@@ -13,7 +13,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
 from stancekit.planners.search.exact import ExactPlanner
@@ -36,12 +36,12 @@ def learn_modes(
 
     count: solutions of each. share: of them left out on each side of each dimension; with none it is the exterior
     boundary of Algorithm E2. The modes are named after the terrains and counted in the order given, which for ground
-    and wall is that of ``Course.modes``.
+    and wall is that of ``Problem.modes``.
     Raises InvalidInput for a count below 1.
     """
     checked_int(count, "count", least=1)
     planner = ExactPlanner(programs=programs or Programs())
-    samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
+    samples = dict[str, tuple[Sequence[Problem], Sequence[Envelope]]]()
     for name in distributions:
         problems, points = solved_postures(name, count, planner, rng)
         box = quantile_box(world_points(problems, points), share=share)
@@ -58,7 +58,7 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
     """
     if len(datasets) < 2:
         raise InvalidInput(f"data sets: expected two or more, one a mode, got {len(datasets)}")
-    samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
+    samples = dict[str, tuple[Sequence[Problem], Sequence[Envelope]]]()
     for rows in datasets:
         name, legs, first = rows.problem_class, rows.header.legs, datasets[0].header.legs
         if legs != first:
@@ -76,10 +76,10 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
 
 def solved_postures(
     name: str, count: int, planner: ExactPlanner, rng: np.random.Generator
-) -> tuple[list[PostureProblem], Array]:
+) -> tuple[list[Problem], Array]:
     """Feasible problems of a distribution as they come, and the point [p, f] of a witness each, shape (K, N, 6)."""
     source = distribution(name)
-    problems, points = list[PostureProblem](), list[Array]()
+    problems, points = list[Problem](), list[Array]()
     while len(points) < count:
         problem = source.sample(rng)
         posture = planner.solve(problem).solution

@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..problem.leap import Leap
 from .certificate import Certificate
 from .leap_plan import LeapPlan
@@ -119,7 +118,7 @@ class Answer(Generic[S]):
 
     status: Status
     method: str
-    problem: PostureProblem | Course | Leap | None = None
+    problem: Problem | Leap | None = None
     solution: S | None = None
     certificate: Certificate | None = None
     report: Report[S] | None = None
@@ -134,7 +133,7 @@ class Answer(Generic[S]):
     @property
     def sets(self) -> Sets | None:
         """The sets of the robot's legs that a course is over; None for a robot without legs, or with other sets."""
-        if not isinstance(self.problem, Course):
+        if not isinstance(self.problem, Problem) or self.problem.is_posture:
             return None
         from ..robot.contact_robot import sets_of
 

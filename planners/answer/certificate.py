@@ -11,8 +11,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..problem.leap import Leap
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ class Certificate:
 
     tree: Array
     multipliers: Array
-    problem: PostureProblem | Course | Leap | None = None
+    problem: Problem | Leap | None = None
 
     def __post_init__(self) -> None:
         for name in ("tree", "multipliers"):
@@ -75,20 +74,22 @@ class Certificate:
         None for a robot without legs of its own, or with other sets, and without a problem. Posture problems of a
         robot's file are over inner sets, as they are drawn.
         """
-        if isinstance(self.problem, Course):
+        if not isinstance(self.problem, Problem):
+            return None
+        if not self.problem.is_posture:
             from ..robot.contact_robot import sets_of
 
             return sets_of(self.problem.robot)
-        return "inner" if isinstance(self.problem, PostureProblem) and self.problem.robot else None
+        return "inner" if self.problem.robot.identity else None
 
-    def of(self, problem: PostureProblem | Course | Leap) -> Certificate:
+    def of(self, problem: Problem | Leap) -> Certificate:
         """The same tree and multipliers as a proof of this problem, right or wrong."""
         found = copy(self)
         object.__setattr__(found, "problem", problem)
         return found
 
     @property
-    def refuted(self) -> PostureProblem | Course | Leap:
+    def refuted(self) -> Problem | Leap:
         """The problem. Raises InvalidInput where the certificate does not know it."""
         if self.problem is None:
             raise InvalidInput("certificate: expected one that knows its problem, as certificate.of(problem), got none")

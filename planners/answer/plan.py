@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array
-from ..problem.course import Course
+from ..problem import Problem
 from .posture import Posture
 
 
@@ -42,7 +42,7 @@ class Plan:
         ((6, 3), 3)
     """
 
-    course: Course
+    course: Problem
     com_m: Array
     rotation_rad: Array
     toes_m: Array

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast
 from numpy.typing import NDArray
 
 from ..cached import cached_property
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..problem.course_json import course_to_json
 from ..problem.leap import Leap
 from ..robot.urdf import joint_names
@@ -185,7 +184,7 @@ class Report(Generic[S]):
     """
 
     groups: tuple[Group, ...]
-    subject: PostureProblem | Course | Leap | None = field(repr=False)
+    subject: Problem | Leap | None = field(repr=False)
     answer: S = field(repr=False)
     tolerance: float
     figures: Mapping[str, float] = field(default_factory=dict)
@@ -280,7 +279,9 @@ class Report(Generic[S]):
             plan = {name: getattr(self.answer, name).tolist() for name in (*NUMBERS, "choice")}
             content = {"leap": leap_to_json(self.answer.leap), "plan": {**plan, "timing": self.answer.timing}}
             return _digest(content, self.tolerance, self.accepted)
-        of = {"problem": self.subject.to_json()} if isinstance(self.subject, PostureProblem) else {}
+        of = {}
+        if isinstance(self.subject, Problem) and self.subject.is_posture:
+            of["problem"] = self.subject.to_json()
         kind = "posture" if isinstance(self.answer, Posture) else "certificate"
         return _digest({**of, kind: self.answer.to_json()}, self.tolerance, self.accepted)
 
@@ -445,7 +446,7 @@ def _sha256(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def plan_shapes(course: Course) -> dict[str, tuple[int, ...]]:
+def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
     """The shape that each array of a plan over a course has, by name."""
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.footholds), len(course.stances)

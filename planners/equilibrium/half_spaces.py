@@ -131,6 +131,8 @@ class RelativeHalfSpaces:
     @staticmethod
     def pairs(robot: Robot) -> tuple[tuple[int, int, int], ...]:
         """``Layout.relative``."""
+        if not robot.relative_reach:
+            return ()
         number = {name: index for index, name in enumerate(robot.limb_names)}
         return tuple((number[e.limb], number[e.other], len(e.rows.bounds_m)) for e in robot.relative_reach)
 

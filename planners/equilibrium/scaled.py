@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from ..answer.posture import Posture
 from ..cached import cached_property
 from ..files.arrays import Array
-from ..problem import PostureProblem
-from ..problem.course import Course, Weights
+from ..problem import Problem
+from ..problem.problem import Weights
 from ..robot.reach import turned_most
 from .half_spaces import HalfSpaces, RelativeHalfSpaces
 from .layout import Index, Layout, shared
-from .scaling import of_course, of_posture
+from .scaling import of_problem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,9 +88,9 @@ class Scaled:
         object.__setattr__(self, "layout", shared(self.layout))
 
     @classmethod
-    def of(cls, problem: PostureProblem | Course) -> Scaled:
+    def of(cls, problem: Problem) -> Scaled:
         """Scale a problem: forces (E3) and positions (E4) as non-dimensional numbers."""
-        return of_course(cls, problem) if isinstance(problem, Course) else of_posture(cls, problem)
+        return of_problem(cls, problem)
 
     @property
     def aim(self) -> Weights:

@@ -1,4 +1,4 @@
-"""From a posture problem or a course to its non-dimensional numbers (E3, E4), by the rows of its layout."""
+"""From a problem to its non-dimensional numbers (E3, E4), by the rows of its layout."""
 
 from __future__ import annotations
 
@@ -8,51 +8,15 @@ from typing import TypeVar
 import numpy as np
 
 from ..files.arrays import Array
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from .half_spaces import HalfSpaces, RelativeHalfSpaces
-from .layout import Layout
+from .layout import Layout, shared
 
 Scaled = TypeVar("Scaled")
 
 
-def of_posture(scaled: Callable[..., Scaled], problem: PostureProblem) -> Scaled:
-    """A posture as ``scaled`` holds it: one frame, one stance, a foothold of one candidate a contact."""
-    length_m, force_n = problem.length_scale_m, float(problem.force_scale_n or 1.0)
-    contacts, nothing = problem.contacts, np.zeros((0, 3))
-    feet = tuple(range(len(contacts)))
-    regions = [contact.region for contact in contacts]
-    corners = tuple((len(region.vertices_m),) for region in regions)
-    points, offsets = _offsets([contact.offsets_m for contact in contacts], length_m)
-    stance_contact = np.repeat(np.arange(len(contacts)), points or 1)
-    return scaled(
-        layout=Layout(
-            holds=(feet,), stances=((0, feet),), corners=corners, reach_rows=HalfSpaces.counts(contacts), points=points
-        ),
-        options=1,
-        which=((0,),) * len(contacts),
-        vertices=np.concatenate([region.vertices_m for region in regions]) / length_m,
-        frames=np.array([contact.patch.frame for contact in contacts]),
-        friction=np.array([contact.patch.friction for contact in contacts]),
-        shoulders=np.array([contact.shoulder_m for contact in contacts]) / length_m,
-        reach=np.array([contact.reach_m for contact in contacts]) / length_m,
-        force_min=np.array([contact.force_min for contact in contacts])[stance_contact],
-        force_max=np.array([contact.force_max for contact in contacts])[stance_contact],
-        weight=problem.weight_n / force_n,
-        com=problem.com_nominal_m[None] / length_m,
-        com_radius=np.array([problem.com_radius_m / length_m]),
-        tilt=problem.tilt_limit_rad,
-        steps=(0.0, 0.0, 0.0), direction=nothing, progress=np.zeros(0),
-        goal=problem.com_nominal_m / length_m, weights=None,
-        length_m=length_m,
-        force_n=force_n,
-        half_spaces=HalfSpaces.of(contacts, length_m, problem.tilt_limit_rad),
-        offsets=offsets,
-    )  # fmt: skip
-
-
-def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
-    """A course as ``scaled`` holds it, with every candidate open."""
+def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
+    """A problem as ``scaled`` holds it, with every candidate open."""
     scale, limbs, limits = course.length_scale_m, course.robot.limbs, course.steps
     patches = [patch for foothold in course.footholds for patch in foothold.candidates]
     borders = [
@@ -62,17 +26,21 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
     ]
     points, offsets = _offsets([each for row in course.offsets_m for each in row] if course.has_soles else [], scale)
     sizes = iter(len(border) for border in borders)
-    layout = Layout(
-        holds=tuple(tuple(row) for row in course.holds.tolist()),
-        stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
-        corners=tuple(tuple(next(sizes) for _ in foothold.candidates) for foothold in course.footholds),
-        reach_rows=HalfSpaces.counts(limbs),
-        points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
-        relative=RelativeHalfSpaces.pairs(course.robot),
-        linear=len(limits.linear_rows(scale)),
+    linear = limits.linear_rows(scale)
+    layout = shared(
+        Layout(
+            holds=tuple(tuple(row) for row in course.holds.tolist()),
+            stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
+            corners=tuple(tuple(next(sizes) for _ in foothold.candidates) for foothold in course.footholds),
+            reach_rows=HalfSpaces.counts(limbs),
+            points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
+            relative=RelativeHalfSpaces.pairs(course.robot),
+            linear=len(linear),
+        )
     )
     direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
-    carrying = len(layout.contact_points)
+    low, high = course.force_bounds
+    under = layout.contacts[2]
     return scaled(
         layout=layout,
         options=max(len(foothold.candidates) for foothold in course.footholds),
@@ -82,23 +50,23 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         friction=np.array([patch.friction for patch in patches]),
         shoulders=np.array([limb.shoulder_m for limb in limbs]) / scale,
         reach=np.array([limb.reach_m for limb in limbs]) / scale,
-        force_min=np.tile(course.force_min, (carrying, 1)),
-        force_max=np.tile(course.force_max, (carrying, 1)),
-        weight=1.0,
+        force_min=low[under],
+        force_max=high[under],
+        weight=course.weight_n / course.force_n,
         com=course.com_nominal_m / scale,
         com_radius=course.com_radius_m / scale,
         tilt=course.tilt_limit_rad,
         steps=(limits.com_m / scale, limits.toe_m / scale, limits.rotation_rad),
         direction=direction,
-        progress=np.where(np.linalg.norm(direction, axis=1) > 0.0, limits.progress_m / scale, 0.0),
+        progress=np.where(direction.any(axis=1), limits.progress_m / scale, 0.0),
         goal=course.goal_m / scale,
         weights=course.weights,
         length_m=scale,
-        force_n=course.weight_n,
+        force_n=course.force_n,
         half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
         offsets=offsets,
         relative=RelativeHalfSpaces.of(course.robot, scale),
-        linear=limits.linear_rows(scale),
+        linear=linear,
     )
 
 

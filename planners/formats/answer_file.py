@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
 from ..files.documents import parse_json, read_json
 from ..files.writing import write_text
-from ..problem import PostureProblem
+from ..problem import Problem
 from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.modes import FORMAT as MODES
 from ..relaxation.modes import Modes
@@ -55,14 +55,14 @@ def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInpu
 
 def read_problems(
     text: str, where: str, *, robot: Robot | None = None
-) -> Iterator[tuple[str, PostureProblem | InvalidInput]]:
+) -> Iterator[tuple[str, Problem | InvalidInput]]:
     """Yield (where, problem or its InvalidInput) for every posture problem in a text, in order."""
     for place, item in json_records(text, where):
         if isinstance(item, InvalidInput):
             yield place, item
             continue
         try:
-            yield place, PostureProblem.from_json(item, robot=robot)
+            yield place, Problem.from_json(item, robot=robot)
         except InvalidInput as error:
             yield place, InvalidInput(f"{place}: {error}")
 

@@ -26,7 +26,7 @@ from ..files.documents import read_bytes, read_json
 from ..files.embedded import embedded, extracted
 from ..files.validation import shown
 from ..files.writing import check_writable, write_text
-from ..problem.course import Course
+from ..problem import Problem
 from ..problem.course_comparison import course_difference
 from ..problem.course_json import course_from_json, course_to_json
 from ..robot.servo import Servo
@@ -138,7 +138,7 @@ def check_file(
     tolerance: float = 1e-6,
     joints: bool = True,
     robot: RobotModel | None = None,
-    course: Callable[[int], Course] | None = None,
+    course: Callable[[int], Problem] | None = None,
 ) -> FileCheck:
     """Verify a plan file anew, whatever it says of itself.
 
@@ -185,7 +185,7 @@ def is_plan_file(path: str | Path) -> bool:
     return isinstance(data, dict) and str(data.get("format", "")).startswith("stancekit/plan/")
 
 
-def _of_joints(course: Course) -> Course:
+def _of_joints(course: Problem) -> Problem:
     """The course of a plan that has joints, whose robot has legs.
 
     A file from before a course could ask for drawn-up legs does not say that its robot of limbs has them.
@@ -229,7 +229,7 @@ def _beside(path: Path, sha256: str) -> bytes:
     return content
 
 
-def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Course) -> None:
+def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Problem) -> None:
     """Raise InvalidInput unless every array is there, of the course's shape, of numbers and finite."""
     shapes = plan_shapes(course)
     if set(numbers) - {*OPTIONAL} != set(shapes) - {*OPTIONAL} or set(numbers) - set(shapes):

@@ -15,9 +15,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
 from ..files.documents import read_json
 from ..files.writing import write_text
-from ..problem import PostureProblem
-from ..problem.course import Course
-from ..problem.course_json import course_from_json, course_to_json
+from ..problem import Problem
+from ..problem.course_json import course_from_json
 from ..problem.leap import Leap
 from ..problem.posture import FORMAT as POSTURE
 from ..verify import check_certificate, explain
@@ -37,12 +36,11 @@ def write_proof(path: str | Path, certificate: Certificate) -> None:
     subject = certificate.refuted
     if isinstance(subject, Leap):
         raise InvalidInput(f"{path}: expected a proof about a posture problem or a course, got one about a leap")
-    message = course_to_json(subject) if isinstance(subject, Course) else subject.to_json()
-    content = {"format": FORMAT, "subject": message, **certificate.to_json()}
+    content = {"format": FORMAT, "subject": subject.to_json(), **certificate.to_json()}
     write_text(path, json.dumps(content, allow_nan=False) + "\n")
 
 
-def read_proof(path: str | Path) -> tuple[PostureProblem | Course, Certificate]:
+def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
     """The problem, and its certificate, of what ``write_proof`` wrote, now or in the older format.
 
     Raises InvalidInput in one line for anything else.
@@ -55,7 +53,7 @@ def read_proof(path: str | Path) -> tuple[PostureProblem | Course, Certificate]:
     if set(data) != set(keys):
         names = ", ".join(sorted(set(data) ^ set(keys)))
         raise InvalidInput(f"{path}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}")
-    message, subject = data[key], PostureProblem.from_json if _is_posture(data[key]) else course_from_json
+    message, subject = data[key], Problem.from_json if _is_posture(data[key]) else course_from_json
     try:
         found = subject(message)
     except InvalidInput as error:
@@ -71,8 +69,8 @@ def check_proof_file(path: str | Path) -> FileCheck:
     """Check a proof file by the independent checker. Raises InvalidInput for a file that cannot be read."""
     subject, certificate = read_proof(path)
     proof = check_certificate(certificate)
-    of_course = isinstance(subject, Course)
-    name = subject.name if isinstance(subject, Course) else f"posture on {', '.join(subject.legs)}"
+    of_course = not subject.is_posture
+    name = subject.name if of_course else f"posture on {', '.join(subject.legs)}"
     reason = explain(certificate).message if proof.accepted else proof.message
     kind: Literal["no-plan", "no-posture"] = "no-plan" if of_course else "no-posture"
     return FileCheck(path=str(path), kind=kind, report=proof, message=f"{name}: {reason}")

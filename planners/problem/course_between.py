@@ -24,10 +24,10 @@ from ..robot.model import Limb, Robot
 from ..terrain.footholds import Footholds
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
-from .course import MOST_FRAMES, Course
 from .course_keys import CourseSpec
 from .course_layout import build_course, toe_offset
 from .file_terrain import FileTerrain
+from .problem import MOST_FRAMES, Problem
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -112,7 +112,7 @@ def laid_between(
     *,
     robot: Robot | str | None = None,
     frames: int | None = None,
-) -> Callable[[Sets], Course]:
+) -> Callable[[Sets], Problem]:
     """What lays out the course over a terrain from one place (x, y) [m] to another, see ``course_between``.
 
     terrain: its footholds, or its file.
@@ -124,7 +124,7 @@ def laid_between(
     over = FileTerrain.of(terrain) if isinstance(terrain, Footholds) else FileTerrain(file=str(Path(terrain).resolve()))
     who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
 
-    def laid_out(sets: Sets) -> Course:
+    def laid_out(sets: Sets) -> Problem:
         try:
             spec = course_between(over, start, goal, robot=who, frames=count)
             return build_course(spec, sets=sets)

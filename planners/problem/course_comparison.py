@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from ..files.comparison import first_difference
 from ..robot.model_json import robot_numbers
-from .course import Course
 from .course_json import course_to_json
+from .problem import Problem
 
 
-def course_difference(course: Course, expected: Course) -> str:
+def course_difference(course: Problem, expected: Problem) -> str:
     """Where a course asks for something else than another one, in a line; empty where it does not.
 
     Names, weights and modes may be others, and so may the candidates of footholds, which have to be pieces of the

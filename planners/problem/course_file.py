@@ -1,4 +1,4 @@
-"""Courses as YAML files: read, checked all at once, laid out as a ``Course``. Some come with the package."""
+"""Courses as YAML files: read, checked all at once, laid out as a ``Problem``. Some come with the package."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ from ..files.validation import validation_errors
 from ..plugins import split_name
 from ..robot.model import Robot
 from ..terrain.families import TERRAIN_FAMILIES, drawn_name
-from .course import Course
 from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
 from .course_layout import build_course
 from .family_scene import family_keys
 from .posture import FORMAT as POSTURE
-from .posture import PostureProblem
+from .problem import Problem
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -33,7 +32,7 @@ def read_course(
     robot: Robot | str | None = None,
     sets: Sets = "inner",
     reach: str | Path | None = None,
-) -> Course:
+) -> Problem:
     """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one posture, explicitly.
 
     A YAML file with surfaces is a published scene (``scene_keys``).
@@ -55,7 +54,7 @@ def read_course(
         data = read_json(course)
         try:
             if isinstance(data, Mapping) and data.get("format") == POSTURE:
-                return Course.of_posture(PostureProblem.from_json(data), Path(course).stem)
+                return Problem.from_json(data).course(Path(course).stem)
             return course_from_json(data)
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None

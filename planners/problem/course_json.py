@@ -17,8 +17,8 @@ from ..robot.model import Limb, Robot
 from ..robot.model_json import ModelJson, model_from_json
 from ..robot.reach import ReachRows, RelativeReach
 from ..terrain.patch import Patch
-from .course import Course, Foothold, StepLimits, Weights
 from .posture_json import ReachRowsJson
+from .problem import Foothold, Problem, StepLimits, Weights
 
 FORMAT = "stancekit/course/1"
 
@@ -29,7 +29,7 @@ _NUMBERS = ("tilt_limit_rad", "gravity_m_s2", "length_scale_m")
 Made = TypeVar("Made")
 
 
-def course_to_json(course: Course) -> dict[str, Any]:
+def course_to_json(course: Problem) -> dict[str, Any]:
     """The course as JSON-ready values: robot, every patch of the terrain, every foothold with its candidates."""
     return {
         "format": FORMAT,
@@ -49,6 +49,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
                 "toe_m": None if foothold.toe_m is None else foothold.toe_m.tolist(),
                 "candidates": [_patch_to_json(patch) for patch in foothold.candidates],
                 **({"yaws_rad": list(foothold.yaws_rad)} if foothold.yaws_rad else {}),
+                **_bounds_to_json(foothold),
             }
             for foothold in course.footholds
         ],
@@ -56,17 +57,14 @@ def course_to_json(course: Course) -> dict[str, Any]:
         "next_lift": list(course.next_lift),
         **{name: getattr(course, name).tolist() for name in _ARRAYS},
         **{name: getattr(course, name) for name in _NUMBERS},
+        **({} if course.force_n == course.weight_n else {"force_scale_n": course.force_n}),
         "steps": {name: value for name, value in vars(course.steps).items() if value is not None},
-        "weights": {
-            name: getattr(course.weights, name)
-            for name in _WeightsJson.model_fields
-            if name != "com_path" or course.weights.com_path
-        },
+        "weights": _weights_to_json(course),
         "modes": None if course.modes is None else list(course.modes),
     }
 
 
-def course_from_json(data: Mapping[str, Any]) -> Course:
+def course_from_json(data: Mapping[str, Any]) -> Problem:
     """Read what ``course_to_json`` wrote. Raises InvalidInput whose message lists every key that is wrong."""
     if not isinstance(data, Mapping):
         raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
@@ -79,12 +77,12 @@ def course_from_json(data: Mapping[str, Any]) -> Course:
     weights = notes.made("", partial(Weights, **raw.weights.model_dump()))
     if notes.wrong or robot is None or steps is None or weights is None:
         raise InvalidInput("; ".join(notes.wrong))
-    return Course(
+    return Problem(
         name=raw.name, robot=robot, steps=steps, weights=weights,
         terrain=tuple(patch for patch in terrain if patch),
         footholds=tuple(foothold for foothold in footholds if foothold),
         lifts=tuple(tuple(lifted) for lifted in raw.lifts), next_lift=tuple(raw.next_lift),
-        modes=None if raw.modes is None else tuple(raw.modes),
+        modes=None if raw.modes is None else tuple(raw.modes), force_scale_n=raw.force_scale_n,
         **{name: getattr(raw, name) for name in (*_ARRAYS, *_NUMBERS)},
     )  # fmt: skip
 
@@ -161,8 +159,27 @@ def _foothold(raw: _FootholdJson, place: str, notes: _Notes) -> Foothold | None:
     yaws = tuple(raw.yaws_rad)
     return notes.made(
         place,
-        lambda: Foothold(limb=raw.limb, frame=raw.frame, candidates=candidates, toe_m=toe_m, yaws_rad=yaws),
+        lambda: Foothold(
+            limb=raw.limb, frame=raw.frame, candidates=candidates, toe_m=toe_m, yaws_rad=yaws,
+            force_min=None if raw.force_min is None else np.array(raw.force_min),
+            force_max=None if raw.force_max is None else np.array(raw.force_max),
+        ),
     )
+
+
+def _bounds_to_json(foothold: Foothold) -> dict[str, Any]:
+    """A foothold's own bounds of the force, where it has any."""
+    if foothold.force_min is None or foothold.force_max is None:
+        return {}
+    return {"force_min": foothold.force_min.tolist(), "force_max": foothold.force_max.tolist()}
+
+
+def _weights_to_json(course: Problem) -> dict[str, float]:
+    """The objective's weights, all zero of a problem without objective: any plan is as good as another."""
+    weights = course.weights or Weights(goal=0.0, com_step=0.0, toe_step=0.0, tilt=0.0)
+    return {
+        name: getattr(weights, name) for name in _WeightsJson.model_fields if name != "com_path" or weights.com_path
+    }
 
 
 def _patch(raw: _PatchJson) -> Patch:
@@ -214,6 +231,8 @@ class _FootholdJson(_Keys):
     toe_m: list[float] | None
     candidates: list[_PatchJson]
     yaws_rad: list[float] = []
+    force_min: list[float] | None = None  # of the foothold's own; most have none
+    force_max: list[float] | None = None
 
 
 class _StepsJson(_Keys):
@@ -248,6 +267,7 @@ class _CourseJson(_Keys):
     tilt_limit_rad: float
     gravity_m_s2: float
     length_scale_m: float
+    force_scale_n: float | None = None  # the weight
     steps: _StepsJson
     weights: _WeightsJson
     modes: list[int] | None

@@ -15,9 +15,9 @@ from ..files.arrays import LARGEST
 from ..robot.drawn_keys import DrawnLegsKeys
 from ..robot.model import Limb, Robot, hexapod
 from ..robot.reach import ReachRows
-from .course import MOST_FRAMES, StepLimits
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
+from .problem import MOST_FRAMES, StepLimits
 from .terrain_spec import ROOM_M, SolePoints
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
 from .candidates import CandidatePatches, NoFooting
-from .course import Course, Foothold, Weights
 from .course_keys import CourseSpec, StanceSpec
+from .problem import Foothold, Problem, Weights
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -28,7 +28,7 @@ TOE_M = 0.02
 
 def build_course(
     spec: CourseSpec, folder: Path = Path(), sets: Sets = "inner", reach: str | Path | None = None
-) -> Course:
+) -> Problem:
     """The course that a description means.
 
     folder: where relative paths of files begin. sets: of legs, see ``contact_robot``. reach: a folder of polytopes in
@@ -57,7 +57,7 @@ def build_course(
     footholds, placed = _footholds(
         spec, placed_by, lifts, com_m, radius, passed, CandidatePatches(terrain, spec.candidates.margin_m)
     )
-    return Course(
+    return Problem(
         name=spec.name, robot=robot, terrain=terrain.patches, footholds=footholds, lifts=lifts,
         next_lift=turns[(spec.frames - 1) % len(turns)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
         steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),

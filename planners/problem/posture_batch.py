@@ -13,9 +13,11 @@ from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
 from ..terrain.patch import contact_frames, polygon_defect
-from .posture import PostureProblem
+from .problem import Problem
 
 Value = TypeVar("Value")
+OF_PATCHES = ("regions", "offsets_m")
+"""What a problem has worked out of its patches."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +30,7 @@ class PostureBatch:
     Raises InvalidInput, under the rules of ``Patch``, for the first patch that is none.
     """
 
-    like: PostureProblem
+    like: Problem
     vertices_m: Array
     normals: Array
     friction: Array
@@ -62,7 +64,7 @@ class PostureBatch:
             raise InvalidInput(f"{self._where(defect[0])}.{defect[1]}")
 
     @classmethod
-    def stacked(cls, problems: Sequence[PostureProblem]) -> PostureBatch:
+    def stacked(cls, problems: Sequence[Problem]) -> PostureBatch:
         """Problems that were drawn one by one, as a batch.
 
         Raises InvalidInput unless they differ in vertices, normals and friction of their patches alone, which all have
@@ -99,10 +101,10 @@ class PostureBatch:
         frames.setflags(write=False)
         return frames
 
-    def problem(self, index: int) -> PostureProblem:
+    def problem(self, index: int) -> Problem:
         """One of the problems. It is not validated again, and its arrays are views into the batch's."""
-        contacts = []
-        for i, contact in enumerate(self.like.contacts):
+        contacts, footholds, terrain = [], [], []
+        for i, (contact, put) in enumerate(zip(self.like.contacts, self.like.footholds, strict=True)):
             patch = _with(
                 contact.patch,
                 vertices_m=self.vertices_m[index, i],
@@ -111,10 +113,15 @@ class PostureBatch:
                 frame=self.frames[index, i],
             )
             contacts.append(_with(contact, patch=patch))
-        return _with(self.like, contacts=tuple(contacts))
+            footholds.append(_with(put, candidates=(patch,)))
+            terrain.append(patch)
+        found = _with(self.like, contacts=tuple(contacts), footholds=tuple(footholds), terrain=tuple(terrain))
+        for worked_out in OF_PATCHES:
+            vars(found).pop(worked_out, None)
+        return found
 
     @cached_property
-    def problems(self) -> tuple[PostureProblem, ...]:
+    def problems(self) -> tuple[Problem, ...]:
         """All of them."""
         return tuple(self.problem(index) for index in range(len(self)))
 
@@ -136,7 +143,7 @@ class PostureBatch:
         return "problems[{}].contacts[{}]".format(*divmod(flat, len(self.like.contacts)))
 
 
-def _without_patches(problem: PostureProblem) -> dict[str, Any]:
+def _without_patches(problem: Problem) -> dict[str, Any]:
     """The JSON form without what a batch has an array for."""
     data = problem.to_json()
     for contact in data["contacts"]:

@@ -1,4 +1,4 @@
-"""Published scenes as YAML files: read, checked all at once, laid out as a ``Course``."""
+"""Published scenes as YAML files: read, checked all at once, laid out as a ``Problem``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InvalidInput
 from ..files.validation import validated
 from ..robot.model import Robot
-from .course import Course
+from .problem import Problem
 from .scene_keys import SceneSpec
 from .scene_layout import build_scene
 from .scene_robot import other_robot, published_robot
@@ -25,7 +25,7 @@ def read_scene(
     robot: Robot | str | None = None,
     sets: Sets = "inner",
     reach: str | Path | None = None,
-) -> Course:
+) -> Problem:
     """The course of a scene, from the keys of its file; arguments as of ``course_file.read_course``.
 
     Raises InvalidInput with every key that is wrong, or with what in its data contradicts itself.

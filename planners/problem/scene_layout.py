@@ -18,7 +18,7 @@ from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import Surface, surface_patch
 from ..terrain.sole import sole_offsets, sole_region
-from .course import Course, Foothold, StepLimits, Weights
+from .problem import Foothold, Problem, StepLimits, Weights
 from .scene_keys import SceneSpec
 
 OFF_M = 1e-3
@@ -29,7 +29,7 @@ WIDE_M = 2.0
 """Steps are no longer than this; polytopes of reach allow less [m]."""
 
 
-def build_scene(spec: SceneSpec, robot: Robot, tilt_rad: float = 0.0) -> Course:
+def build_scene(spec: SceneSpec, robot: Robot, tilt_rad: float = 0.0) -> Problem:
     """The course of a scene for a robot whose limbs have the scene's names.
 
     tilt_rad: largest component of Θ; published polytopes know none. Raises InvalidInput, e.g. for a start that is not
@@ -47,7 +47,7 @@ def build_scene(spec: SceneSpec, robot: Robot, tilt_rad: float = 0.0) -> Course:
     com = np.stack([np.interp(at, way, axis) for axis in path.T], axis=1)
     corners = np.concatenate([patch.vertices_m for patch in patches])
     radius = float(np.linalg.norm(np.ptp(corners, axis=0))) + 1.0 + float(np.linalg.norm(np.ptp(path, axis=0)))
-    return Course(
+    return Problem(
         name=spec.name, robot=robot, terrain=patches, footholds=_footholds(spec, robot, patches, lifts, moves, com),
         lifts=tuple(lifts), com_nominal_m=np.tile(com.mean(axis=0), (len(lifts), 1)),
         com_radius_m=np.full(len(lifts), radius), goal_m=path[-1],

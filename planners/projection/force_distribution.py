@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..answer.plan import Plan
 from ..equilibrium.rows import Rows
 from ..files.arrays import Array
-from ..problem.course import Course
+from ..problem import Problem
 from ..robot.rotation import rotation_of
 from ..terrain.patch import Patch
 
@@ -111,7 +111,7 @@ class ForceDistribution:
 
     def forces(
         self,
-        course: Course,
+        course: Problem,
         arms_m: Array,
         patches: Sequence[Patch],
         bears: NDArray[np.bool_],
@@ -128,12 +128,13 @@ class ForceDistribution:
         """
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
+        low, high = course.common_bounds
         arms = np.einsum("nij,njk->nik", _skew(arms_m / course.length_scale_m), frames)
         stance = _Stance(
             arms=np.concatenate([frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]),
             friction=np.array([patch.friction for patch in patches]),
-            low=np.where(carries, np.maximum(course.force_min, [least, -np.inf, -np.inf]), 0.0),
-            high=np.where(carries, course.force_max, 0.0),
+            low=np.where(carries, np.maximum(low, [least, -np.inf, -np.inf]), 0.0),
+            high=np.where(carries, high, 0.0),
             rest=loads.weight_nm / loads.limit_nm,
             levers=np.einsum("jk,jki->ji", loads.levers_m, frames[self._foot_of])
             * (course.weight_n / loads.limit_nm)[:, None],

@@ -11,20 +11,30 @@ from dataclasses import replace
 import numpy as np
 
 from ..answer.plan import Plan
-from ..problem.course import Course
+from ..files.arrays import Array
+from ..problem import Problem
 from .force_distribution import ForceDistribution
 
 PRESSES = (0.2, 0.1, 0.05)
 """Shares of the weight that every foot that carries bears at least, the most cautious first."""
 
 
-def pressing(course: Course, share: float) -> Course:
+def pressing(course: Problem, share: float) -> Problem:
     """The course in which every foot that carries presses with this share of the weight or more.
 
     share: of m g, along the contact's normal; f_n,min of E10 is raised to it.
     """
-    least = max(float(course.force_min[0]), share)
-    return replace(course, force_min=np.array([least, *course.force_min[1:]]))
+    share *= course.weight_n / course.force_n
+    footholds = tuple(
+        put if put.force_min is None else replace(put, force_min=_raised(put.force_min, share))
+        for put in course.footholds
+    )
+    return replace(course, force_min=_raised(course.force_min, share), footholds=footholds)
+
+
+def _raised(low: Array, share: float) -> Array:
+    """Least forces of which the normal one is at least so much."""
+    return np.array([max(float(low[0]), share), *low[1:]])
 
 
 def steady(plan: Plan, share: float) -> bool:

@@ -17,7 +17,8 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.course import Course, Stance
+from ..problem import Problem
+from ..problem.problem import Stance
 from ..robot.model import Robot
 from ..terrain.polygon import shear_of
 from .envelope import Envelope, EnvelopeSet
@@ -61,7 +62,7 @@ def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
 
 
 def boxes_of(
-    course: Course, envelopes: EnvelopeSet | Sequence[EnvelopeSet], axes: Axes = "contact"
+    course: Problem, envelopes: EnvelopeSet | Sequence[EnvelopeSet], axes: Axes = "contact"
 ) -> tuple[Envelope, ...]:
     """Every envelope of the set, as a box over the B stance contacts of a course.
 
@@ -92,7 +93,7 @@ def boxes_of(
     return tuple(Envelope(low=below, high=above) for below, above in zip(*ends, strict=True))
 
 
-def check_fits_one(course: Course, envelopes: EnvelopeSet) -> None:
+def check_fits_one(course: Problem, envelopes: EnvelopeSet) -> None:
     """Raise InvalidInput, for the first stance, unless the limbs and patches of some stance are those of the set.
 
     For what is asked of a course stance by stance, or window by window, as ``boxes_of`` is of all.
@@ -131,7 +132,7 @@ def _partner(robot: Robot, leg: str) -> str:
     raise InvalidInput(f"robot {robot.name}: expected a limb opposite to {leg}, to mirror its envelope, got none")
 
 
-def _fitting(course: Course, stance: Stance, either: tuple[EnvelopeSet, ...]) -> EnvelopeSet:
+def _fitting(course: Problem, stance: Stance, either: tuple[EnvelopeSet, ...]) -> EnvelopeSet:
     names = [course.robot.limb_names[limb] for limb in stance.limbs]
     for envelopes in either:
         if set(envelopes.legs) == set(names):
@@ -143,7 +144,7 @@ def _fitting(course: Course, stance: Stance, either: tuple[EnvelopeSet, ...]) ->
     )
 
 
-def _check_one_frame(course: Course, limb: int, foothold: int) -> None:
+def _check_one_frame(course: Problem, limb: int, foothold: int) -> None:
     """Raise InvalidInput unless the candidates of a foothold share one contact frame."""
     stood_on = course.footholds[foothold]
     frames = np.array([patch.frame for patch in stood_on.candidates])
@@ -154,7 +155,7 @@ def _check_one_frame(course: Course, limb: int, foothold: int) -> None:
         )
 
 
-def _check(course: Course, stance: Stance, envelopes: EnvelopeSet, axes: Axes) -> None:
+def _check(course: Problem, stance: Stance, envelopes: EnvelopeSet, axes: Axes) -> None:
     """Raise InvalidInput unless every candidate patch under the stance is of the kind that was learned."""
     names = course.robot.limb_names
     limbs = tuple(names.index(leg) for leg in envelopes.legs)

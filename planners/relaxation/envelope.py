@@ -14,7 +14,7 @@ from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array, checked, read_only
 from ..files.validation import validated
-from ..problem import PostureProblem
+from ..problem import Problem
 from .learned import check_learned, check_robot
 
 FORMAT = "stancekit/envelope/1"
@@ -195,7 +195,7 @@ class EnvelopeSet:
     def for_problems(
         cls,
         problem_class: str,
-        problems: Sequence[PostureProblem],
+        problems: Sequence[Problem],
         envelopes: Sequence[Envelope],
         provenance: Mapping[str, Any] | None = None,
     ) -> EnvelopeSet:
@@ -216,7 +216,7 @@ class EnvelopeSet:
             tilt_rad=lean,
             envelopes=tuple(envelopes),
             provenance=dict(provenance or {}),
-            robot=first.robot,
+            robot=first.robot.identity,
         )
 
     def measured_in(self, length_scale_m: float) -> EnvelopeSet:
@@ -229,7 +229,7 @@ class EnvelopeSet:
         """Raise InvalidInput unless the envelopes were learned for the robot of this identity."""
         check_robot(self, robot, f"an envelope learned for {self.problem_class}")
 
-    def check_fits(self, problem: PostureProblem) -> None:
+    def check_fits(self, problem: Problem) -> None:
         """Raise InvalidInput unless the problem is of the class that the envelopes were learned for."""
         learned = f"an envelope learned for {self.problem_class}"
         check_learned(self, problem, learned)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from ..errors import InvalidInput
-from ..problem import PostureProblem
+from ..problem import Problem
 
 
 class LearnedFor(Protocol):
@@ -35,9 +35,9 @@ def check_robot(it: LearnedFor, robot: str, learned: str) -> None:
         raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
 
 
-def check_learned(it: LearnedFor, problem: PostureProblem, learned: str) -> None:
+def check_learned(it: LearnedFor, problem: Problem, learned: str) -> None:
     """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned for."""
-    check_robot(it, problem.robot, learned)
+    check_robot(it, problem.robot.identity, learned)
     if problem.legs != it.legs:
         raise InvalidInput(f"contacts: expected legs {list(it.legs)} for {learned}, got {list(problem.legs)}")
     for name in ("force_scale_n", "length_scale_m"):

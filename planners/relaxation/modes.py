@@ -19,7 +19,7 @@ from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.validation import shown
-from ..problem import PostureProblem
+from ..problem import Problem
 from .domain import domain_of
 from .envelope import Envelope, EnvelopeSet
 from .mccormick import Axes
@@ -32,7 +32,7 @@ class Modes:
     """One envelope per kind of terrain, each over [p, f] with f in world axes, between which ``plan`` switches.
 
     Arguments:
-        names: of the kinds of terrain, in the order in which ``Course.modes`` counts them (0 ground, 1 wall).
+        names: of the kinds of terrain, in the order in which ``Problem.modes`` counts them (0 ground, 1 wall).
         boxes: as many envelopes; their legs may be mirrored.
     Source:
         Paper E §IV-A, mode switching.
@@ -55,7 +55,7 @@ class Modes:
             )
 
     @classmethod
-    def around(cls, samples: Mapping[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]) -> Modes:
+    def around(cls, samples: Mapping[str, tuple[Sequence[Problem], Sequence[Envelope]]]) -> Modes:
         """Modes by name: the problems that each was learned from, and its one envelope."""
         problems = [problem for some, _ in samples.values() for problem in some]
         boxes = [box for _, boxes in samples.values() for box in boxes]
@@ -80,7 +80,7 @@ class Modes:
             raise InvalidInput(str(error) if str(error).startswith("names") else f"boxes: {error}") from None
 
 
-def world_points(problems: Sequence[PostureProblem], points: Array) -> Array:
+def world_points(problems: Sequence[Problem], points: Array) -> Array:
     """[p, f] of postures with f turned from contact frames to world axes, shape (K, N, 6).
 
     problems: K of them, N contacts each. points: p in the world, f in contact frames, shape (K, N, 6).

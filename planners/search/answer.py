@@ -17,8 +17,7 @@ from ..answer.posture import Posture
 from ..answer.report import Report
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..verify import check_certificate, check_plan, check_posture
 from .clock import Clock
 
@@ -86,7 +85,7 @@ class Acceptance:
 
     def answer(
         self,
-        problem: PostureProblem | Course,
+        problem: Problem,
         claim: Claim[Evidence],
         *,
         method: str,
@@ -106,7 +105,7 @@ class Acceptance:
             else:
                 kind = "witness" if isinstance(claim.found, Posture) else "plan"
                 message = message or f"{kind} refused: {report.message}"
-        posed = isinstance(problem, PostureProblem)
+        posed = problem.is_posture
         bound = 0.0 if posed else bound
         if claim.certificate is not None and status is Status.UNDECIDED:
             certificate = claim.certificate.of(problem)
@@ -140,21 +139,20 @@ class Acceptance:
             details=dict(claim.details),
         )
 
-    def _judged(self, problem: PostureProblem | Course, found: Posture | Plan) -> Report[Any]:
+    def _judged(self, problem: Problem, found: Posture | Plan) -> Report[Any]:
         """The verifier's report on what was found; convexity proves the way between the frames of a plan."""
         if isinstance(found, Plan):
             return check_plan(found, tolerance=self.tolerance, between=False)
-        assert isinstance(problem, PostureProblem)
         return check_posture(problem, found, tolerance=self.tolerance)
 
 
-def _given(problem: PostureProblem | Course) -> str:
+def _given(problem: Problem) -> str:
     """What a proof of a posture problem is over, where its robot may reach further."""
-    return GIVEN.format(problem.robot) if isinstance(problem, PostureProblem) and problem.robot else ""
+    return GIVEN.format(problem.robot.identity) if problem.is_posture and problem.robot.identity else ""
 
 
 def plan_of(
-    course: Course,
+    course: Problem,
     scaled: Scaled,
     choice: Index,
     point: Point,
@@ -180,7 +178,7 @@ def plan_of(
 
 def objective_of(plan: Plan) -> float:
     """The objective of ``Weights`` at a plan, SI: recomputed, whatever a solver said."""
-    course, weights = plan.course, plan.course.weights
+    course, weights = plan.course, plan.course.aim
     cost = weights.goal * float(np.sum((plan.com_m[-1] - course.goal_m) ** 2))
     cost += weights.com_path * float(np.sum((plan.com_m - course.com_nominal_m) ** 2))
     cost += weights.tilt * float(np.sum(plan.rotation_rad**2))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.course import Course
+from ..problem import Problem
 from ..terrain import Patch
 from .plan_window import Standing
 
@@ -43,7 +43,7 @@ class CourseFeatures:
         """The least and the greatest value of every feature, and how many values it has."""
         return {name: (*BOUNDS.get(name, (-BOUND, BOUND)), values.size) for name, values in self._blank().items()}
 
-    def observe(self, course: Course, frame: int, standing: Standing) -> Features:
+    def observe(self, course: Problem, frame: int, standing: Standing) -> Features:
         """The features at a key frame. Raises InvalidInput where the course does not fit the size."""
         if len(course.robot.limbs) != self.limbs:
             raise InvalidInput(f"course: expected {self.limbs} limbs, got {len(course.robot.limbs)}")

@@ -7,6 +7,8 @@ can. Where friction decides, the positions are blind to it, and the second stage
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from ..answer.answer import Answer
@@ -20,11 +22,12 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, FreeToes, Given
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.project import project
 from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 from .cuts import LEAF, alone
+from .either import Kind
 
 
 class Positions:
@@ -72,12 +75,13 @@ class DecoupledPlanner:
     """
 
     name = "decoupled"
+    answers: ClassVar[Kind] = "courses"
 
     def __init__(self, *, acceptance: Acceptance = Acceptance(), programs: Programs | None = None) -> None:
         self.acceptance = acceptance
         self.programs = programs or Programs()
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course."""
         clock, scaled = Clock.start(), Scaled.of(course)
         details: dict[str, float] = {}
@@ -108,7 +112,7 @@ class DecoupledPlanner:
         clock.count(1, found[0].seconds)
         return found
 
-    def _worst_stance(self, course: Course, chosen: Scaled, placed: Point) -> str:
+    def _worst_stance(self, course: Problem, chosen: Scaled, placed: Point) -> str:
         """Which stance its positions leave most moment, or no balance of forces at all."""
         worst, message = -1.0, ""
         for index, stance in enumerate(course.stances):

@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from ..answer.answer import Answer
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from .answer import Planner
 
 Kind = Literal["postures", "courses"]
@@ -23,7 +22,7 @@ class EitherPlanner:
     def __init__(self, name: str, make: Mapping[Kind, Callable[[], Planner]]) -> None:
         self.name, self._make, self._made = name, make, dict[Kind, Planner]()
 
-    def solve(self, problem: PostureProblem | Course) -> Answer[Any]:
+    def solve(self, problem: Problem) -> Answer[Any]:
         """Answer one problem. Raises InvalidInput where the method, or a setting of it, is not for its kind."""
         return self.part(kind_of(problem)).solve(problem)
 
@@ -34,9 +33,9 @@ class EitherPlanner:
         return self._made[kind]
 
 
-def kind_of(problem: PostureProblem | Course) -> Kind:
+def kind_of(problem: Problem) -> Kind:
     """What kind of question a problem is."""
-    return "courses" if isinstance(problem, Course) else "postures"
+    return "postures" if problem.is_posture else "courses"
 
 
 def part_of(planner: Planner, kind: Kind) -> Planner:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.project import PROJECTIONS, SURFACE, Projection, project
 from ..relaxation.boxes import StanceBoxes, boxes_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
@@ -31,6 +32,7 @@ from ..relaxation.relaxed import RelaxationAnswer
 from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .clock import Clock
 from .cuts import alone
+from .either import Kind
 from .two_stage import TwoStageCoursePlanner
 
 WHOLE = 1e-4
@@ -49,6 +51,7 @@ class EnvelopeCoursePlanner(TimeLimited):
     """
 
     name = "two-stage"
+    answers: ClassVar[Kind] = "courses"
 
     def __init__(
         self,
@@ -72,7 +75,7 @@ class EnvelopeCoursePlanner(TimeLimited):
         self.max_nodes, self.max_solves, self.time_limit_s = max_nodes, max_solves, time_limit_s
         self.programs = programs or Programs()
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course. Raises InvalidInput that names the stance that the envelopes were not learned for."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         learned = self.envelopes.boxes if isinstance(self.envelopes, Modes) else self.envelopes
@@ -142,7 +145,7 @@ class _Search:
     """Best first over the choices of one course: which candidates are open, (P, options), and which boxes, (S, E)."""
 
     def __init__(
-        self, planner: EnvelopeCoursePlanner, course: Course, scaled: Scaled, boxes: Sequence[Envelope], clock: Clock
+        self, planner: EnvelopeCoursePlanner, course: Problem, scaled: Scaled, boxes: Sequence[Envelope], clock: Clock
     ) -> None:
         self._planner, self._course, self._scaled, self._boxes, self._clock = planner, course, scaled, boxes, clock
         self._heap: list[tuple[float, int, Array, Array, RelaxationAnswer]] = []

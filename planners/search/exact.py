@@ -13,6 +13,7 @@ import itertools
 import math
 import time
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,8 +26,7 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled, cones_met, skew
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_int
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.descent import cost, improved
 from ..projection.project import SURFACE, project
 from ..relaxation.lift import LiftAnswer, solve_lift
@@ -34,6 +34,7 @@ from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .choice import LEAST, ChoiceSearch
 from .clock import Clock
 from .cuts import CutSearch, bent_patches, branch
+from .either import Kind
 from .proposals import Proposer
 from .two_stage import TwoStageCoursePlanner, decide
 
@@ -48,6 +49,7 @@ class ExactPlanner:
     """
 
     name = "exact"
+    answers: ClassVar[Kind] = "postures"
 
     def __init__(
         self,
@@ -68,7 +70,7 @@ class ExactPlanner:
         self.programs = programs or Programs()
         self.proposers = proposers
 
-    def solve(self, problem: PostureProblem, *, root: LiftAnswer | None = None) -> Answer[Posture]:
+    def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Posture]:
         """Decide whether a posture problem has an answer (paper E's P, exactly).
 
         root: the lift of the problem with the least moment, where it is solved already.
@@ -110,6 +112,7 @@ class ExactCoursePlanner(TimeLimited):
     """
 
     name = "exact"
+    answers: ClassVar[Kind] = "courses"
 
     def __init__(
         self,
@@ -128,7 +131,7 @@ class ExactCoursePlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", least=0.0)
         self.programs = programs or Programs()
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it without a proof."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         choices = TwoStageCoursePlanner(

@@ -16,7 +16,7 @@ from functools import cache
 
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.support_margin import PRESSES, pressing, steady
 from ..terrain.patch import Patch
 from .answer import Limitable, Planner
@@ -31,7 +31,7 @@ CAUTION = 0.5
 TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
-def slippery(course: Course, share: float) -> Course:
+def slippery(course: Problem, share: float) -> Problem:
     """The course with this share of its friction everywhere."""
     if share == 1.0:
         return course
@@ -49,7 +49,7 @@ def slippery(course: Course, share: float) -> Course:
 
 def plan_with_reserve(
     planner: Planner,
-    course: Course,
+    course: Problem,
     shares: Sequence[float] = SHARES,
     presses: Sequence[float] = PRESSES,
     *,
@@ -106,7 +106,7 @@ def in_time(planner: Planner, deadline: float) -> Planner | None:
 
 
 def _firmer(
-    planner: Planner, course: Course, outcome: Answer[Plan], presses: Sequence[float], deadline: float
+    planner: Planner, course: Problem, outcome: Answer[Plan], presses: Sequence[float], deadline: float
 ) -> tuple[Answer[Plan], float]:
     """The same, or where its plan balances on an edge one that does not, and with how much of the weight its feet
     press at least: 0 for no such demand."""

@@ -19,7 +19,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import cvxpy as cp
 import numpy as np
@@ -31,13 +31,15 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_choice
-from ..problem.course import Course, Foothold
+from ..problem import Problem
+from ..problem.problem import Foothold
 from ..projection.project import project
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 from ..verify import check_plan
 from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
+from .either import Kind
 
 Choice = Literal["l1", "mip"]
 SOLVERS = {"highs": cp.HIGHS, "scip": cp.SCIP}
@@ -65,6 +67,8 @@ class KinematicPlanner:
     Raises InvalidInput for another name, and a solver that is not installed.
     """
 
+    answers: ClassVar[Kind] = "courses"
+
     def __init__(
         self, choice: Choice, *, body: bool = True, solver: str = "highs",
         time_limit_s: float = 60.0, acceptance: Acceptance = Acceptance(), programs: Programs | None = None,
@@ -76,7 +80,7 @@ class KinematicPlanner:
         self.choice, self.body, self.solver = choice, body, solver
         self.time_limit_s, self.acceptance, self.programs = time_limit_s, acceptance, programs or Programs()
 
-    def place(self, course: Course, clock: Clock) -> tuple[Placed | None, str]:
+    def place(self, course: Problem, clock: Clock) -> tuple[Placed | None, str]:
         """Feet and body, or why there are none."""
         model = _Model(_first_yaws(course), self.body)
         tried = 0
@@ -92,7 +96,7 @@ class KinematicPlanner:
             return None, f"no positions on any of the {tried} combinations of surfaces that were tried"
         return None, model.status
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course; details: ``placed``, ``cpu_s`` of it, ``tried``; ``worst`` violation as planned, ``freed``.
 
         claim: "feasible" where it has a plan of its own; message: what the verifier says of that with the forces that
@@ -125,7 +129,7 @@ class KinematicPlanner:
             found = model.by_integers(self.solver, self.time_limit_s, clock)
             yield from [] if found is None else [found]
 
-    def _with_forces(self, course: Course, placed: Placed, *, hold_body: bool) -> Plan:
+    def _with_forces(self, course: Problem, placed: Placed, *, hold_body: bool) -> Plan:
         """The plan with the forces that leave least moment, the body held or free."""
         scaled = Scaled.of(course)
         chosen, scale = scaled.chosen(placed.choice), scaled.length_m
@@ -143,7 +147,7 @@ class KinematicPlanner:
 class _Model:
     """The terms that all programs share: toes, body and their reach, in cvxpy; candidates as half-spaces."""
 
-    def __init__(self, course: tuple[Course, list[list[int]]], body: bool) -> None:
+    def __init__(self, course: tuple[Problem, list[list[int]]], body: bool) -> None:
         self._course, self._numbers = course
         its, footholds = self._course, self._course.footholds
         self.status = ""
@@ -222,7 +226,7 @@ class _Model:
 
     def on(self, choice: Index, clock: Clock) -> tuple[Array, Array | None] | None:
         """The best positions on chosen surfaces, by the course's objective; None without any."""
-        its, weights = self._course, self._course.weights
+        its, weights = self._course, self._course.aim
         terms = [
             sides[c][0] @ self._toes[p] <= sides[c][1]
             for p, (sides, c) in enumerate(zip(self._sides, choice, strict=True))
@@ -264,7 +268,7 @@ def _sides(patch: Patch) -> tuple[Array, Array]:
     return normals, np.concatenate([offsets, [0.0, 0.0]]) + normals @ origin
 
 
-def _settled(course: Course, choice: Index, toes_m: Array) -> Array:
+def _settled(course: Problem, choice: Index, toes_m: Array) -> Array:
     """The toes drawn onto their surfaces, which solvers leave by their tolerances."""
     from ..terrain.polygon import Surface
 
@@ -274,7 +278,7 @@ def _settled(course: Course, choice: Index, toes_m: Array) -> Array:
     return found
 
 
-def _first_yaws(course: Course) -> tuple[Course, list[list[int]]]:
+def _first_yaws(course: Problem) -> tuple[Problem, list[list[int]]]:
     """The course with each surface offered once, and the numbers that its candidates have there."""
     kept, numbers = list[Foothold](), list[list[int]]()
     for put in course.footholds:

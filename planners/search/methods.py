@@ -468,8 +468,8 @@ PLANNERS: Registry[Make] = Registry(
     accepts=_accepted,
 )
 """All planners: called with ``PlannerOptions``, a class or function gives something with ``solve``, which answers
-posture problems, courses, or both. One that answers one kind alone says so by annotating what it is asked:
-``PostureProblem`` or ``Course``."""
+posture problems, courses, or both. One that answers one kind alone says so by an attribute ``answers``,
+"postures" or "courses"."""
 _OLD_COURSE_PLANNERS: Registry[Make] = Registry(
     "planner", OLD_GROUP, {}, expected="something to call with PlannerOptions", accepts=_accepted
 )

@@ -10,19 +10,17 @@ from __future__ import annotations
 
 import time
 from importlib import util
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
 from ..answer.answer import Answer
 from ..answer.plan import Plan
-from ..answer.posture import Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput
 from ..files.arrays import checked, checked_choice
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.boxes import boxes_of
 from ..relaxation.domain import domain_of
@@ -72,13 +70,7 @@ class MicpPlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
         self.acceptance, self._programs = acceptance, programs or Programs()
 
-    @overload
-    def solve(self, problem: PostureProblem) -> Answer[Posture]: ...
-
-    @overload
-    def solve(self, problem: Course) -> Answer[Plan]: ...
-
-    def solve(self, problem: PostureProblem | Course) -> Answer[Posture] | Answer[Plan]:
+    def solve(self, problem: Problem) -> Answer[Any]:
         """Ask the solver, then project and verify what it found. Raises InvalidInput for an envelope of other limbs."""
         clock, scaled = Clock.start(), Scaled.of(problem)
         with clock.compiling():
@@ -101,7 +93,7 @@ class MicpPlanner(TimeLimited):
                 message or f"{self.solver} says {answer.claim}; neither a certificate nor toes that hold came with it"
             )
         said: dict[str, Any] = {"word": answer.claim, "message": message, "details": details}
-        if isinstance(problem, PostureProblem):
+        if problem.is_posture:
             claim = Claim(found=None if point is None else scaled.posture(point), **said)
             return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         plan: Plan | None = None
@@ -110,19 +102,19 @@ class MicpPlanner(TimeLimited):
             plan = plan_of(problem, scaled, answer.choice, point, provenance=made)
         return self.acceptance.answer(problem, Claim(found=plan, **said), method=self.name, clock=clock)
 
-    def program(self, problem: PostureProblem | Course) -> MicpProgram:
+    def program(self, problem: Problem) -> MicpProgram:
         """The program of a problem; postures of one layout share one, which then has the numbers of this one."""
         scaled, (domain, envelope) = Scaled.of(problem), self.boxes(problem)
         breaks = Breaks.of(domain, self.grid.counts)
-        if isinstance(problem, PostureProblem) and envelope is None:
+        if problem.is_posture and envelope is None:
             symbols, program = self._programs.get(of_layout, scaled.layout, self.grid, self.solver)
             symbols.load(scaled, breaks)
             return program
-        gap = None if isinstance(problem, PostureProblem) else self.gap
+        gap = None if problem.is_posture else self.gap
         axes = axes_of(scaled)
         return MicpProgram(scaled, breaks, self.grid, solver=self.solver, axes=axes, envelope=envelope, gap=gap)
 
-    def boxes(self, problem: PostureProblem | Course) -> tuple[Envelope, Envelope | None]:
+    def boxes(self, problem: Problem) -> tuple[Envelope, Envelope | None]:
         """The domain that the grid divides, and the box of the envelope rows, where there are any."""
         scaled, envelope = Scaled.of(problem), self.box(problem)
         domain = domain_of(scaled, axes_of(scaled)) if self.grid.domain == "course" else unit_domain(scaled)
@@ -130,13 +122,13 @@ class MicpPlanner(TimeLimited):
             return meet(envelope, domain), None
         return domain, envelope
 
-    def box(self, problem: PostureProblem | Course) -> Envelope | None:
+    def box(self, problem: Problem) -> Envelope | None:
         """The envelope over the stance contacts of a problem. Raises InvalidInput where it was learned for others."""
         if self.envelope is None:
             return None
         scaled = Scaled.of(problem)
         contacts = len(scaled.force_min)
-        if isinstance(problem, Course):
+        if not problem.is_posture:
             for row in of_several_frames(scaled)[:1]:
                 stance, limb, _ = (part[row] for part in scaled.layout.contacts)
                 raise InvalidInput(
@@ -144,7 +136,7 @@ class MicpPlanner(TimeLimited):
                     "candidate patches that share one contact frame, for an envelope on the forces in it; got several"
                 )
         if isinstance(self.envelope, EnvelopeSet):
-            if isinstance(problem, Course):
+            if not problem.is_posture:
                 return boxes_of(problem, self.envelope)[0]
             self.envelope.check_fits(problem)
             return self.envelope.envelopes[0]

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args, overload
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from ..answer.answer import Answer
-from ..answer.plan import Plan
-from ..answer.posture import Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import checked, checked_choice, checked_int
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.nlp import NlpProgram
 from ..projection.project import SURFACE
 from ..relaxation.lift import solve_lift
@@ -54,13 +51,7 @@ class NlpPlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
         self.acceptance, self._programs = acceptance, programs or Programs()
 
-    @overload
-    def solve(self, problem: PostureProblem) -> Answer[Posture]: ...
-
-    @overload
-    def solve(self, problem: Course) -> Answer[Plan]: ...
-
-    def solve(self, problem: PostureProblem | Course) -> Answer[Posture] | Answer[Plan]:
+    def solve(self, problem: Problem) -> Answer[Any]:
         """Try the starts in order until one ends on the bilinear surface."""
         clock, scaled = Clock.start(), Scaled.of(problem)
         choice = nearest(scaled)
@@ -82,7 +73,7 @@ class NlpPlanner(TimeLimited):
                 break
         message = "" if best is not None else f"no witness from {tried} starts; IPOPT said {word}"
         said: dict[str, Any] = {"word": word, "message": message, "details": {"starts": float(tried)}}
-        if isinstance(problem, PostureProblem):
+        if problem.is_posture:
             claim = Claim(found=None if best is None else scaled.posture(best), **said)
             return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         made = {"planner": self.name, "start": self.start}

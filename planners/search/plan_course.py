@@ -16,7 +16,7 @@ from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
@@ -26,7 +26,7 @@ from .friction_margin import SHARES, in_time, plan_with_reserve, slippery
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
 
-LayOut = Callable[["Sets"], Course]
+LayOut = Callable[["Sets"], Problem]
 """A function that lays a course out over the inner or the outer sets of the robot's legs."""
 SEARCH = 0.75
 """Fraction of the time within which contacts are to be found, so that they can still be bent and judged."""
@@ -37,7 +37,7 @@ NO_TIME = "no plan in the inner sets of the legs, and the time limit ended befor
 
 
 def plan_course(
-    question: Course | LayOut,
+    question: Problem | LayOut,
     planner: Planner,
     *,
     shares: Sequence[float] | None = None,
@@ -81,7 +81,7 @@ def plan_course(
 
 
 def _refuted(
-    inner: Answer[Plan], question: Course | LayOut, planner: Planner, share: float, deadline: float
+    inner: Answer[Plan], question: Problem | LayOut, planner: Planner, share: float, deadline: float
 ) -> Answer[Plan]:
     """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
     try:

@@ -11,7 +11,8 @@ import numpy as np
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.course import Course, Foothold
+from ..problem import Problem
+from ..problem.problem import Foothold
 from ..terrain.patch import Patch
 
 STANDING_M = 1e-4
@@ -53,7 +54,7 @@ def _yaws(plan: Plan) -> tuple[float, ...]:
     return tuple(yaws[chosen] if yaws else 0.0 for yaws, chosen in puts)
 
 
-def course_window(course: Course, first: int, last: int, standing: Standing | None = None) -> Course:
+def course_window(course: Problem, first: int, last: int, standing: Standing | None = None) -> Problem:
     """Key frames ``first`` to ``last`` of a course, as a course.
 
     standing: the robot at frame ``first``, whose toes stay; without it toes and COM are free there as in the course,
@@ -95,7 +96,7 @@ def course_window(course: Course, first: int, last: int, standing: Standing | No
     )
 
 
-def with_pause(course: Course, frame: int) -> Course:
+def with_pause(course: Problem, frame: int) -> Problem:
     """The course with a key frame more after this one, to which the body alone moves, as far as it may there."""
     again = [*range(frame + 1), frame, *range(frame + 1, course.frames)]
     return replace(
@@ -108,7 +109,7 @@ def with_pause(course: Course, frame: int) -> Course:
     )
 
 
-def one_at_a_time(course: Course, first: int, last: int) -> Course:
+def one_at_a_time(course: Problem, first: int, last: int) -> Problem:
     """The course on which limbs that are lifted together before key frames ``first`` to ``last`` are lifted one after
     the other, in the robot's order, with a key frame each; the body has as far to go in all, and the least progress is
     a share of it.
@@ -141,7 +142,7 @@ def one_at_a_time(course: Course, first: int, last: int) -> Course:
     )
 
 
-def _room(course: Course, first: int, com_m: Array, radius_m: Array) -> float:
+def _room(course: Problem, first: int, com_m: Array, radius_m: Array) -> float:
     """How far the first step can go along its line [m]; 0 where the body stands ahead of where it should go next."""
     if len(com_m) < 2:
         return np.inf
@@ -149,7 +150,7 @@ def _room(course: Course, first: int, com_m: Array, radius_m: Array) -> float:
     return float(np.linalg.norm(step) + radius_m[1]) if step @ course.direction(first + 1) > 0.0 else 0.0
 
 
-def joined(course: Course, plans: Sequence[Plan]) -> Plan:
+def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
     """The plans of neighbouring windows as one plan of the course, or of its beginning where they stop earlier.
 
     plans: of windows from frame 0 on, each but the first begun from where the last one ended; what they say of their

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from ..answer.answer import Answer
@@ -9,7 +11,7 @@ from ..answer.certificate import Certificate
 from ..answer.posture import Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..problem import PostureProblem
+from ..problem import Problem
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
@@ -18,6 +20,7 @@ from ..relaxation.table import RELAXATIONS
 from .answer import Acceptance, Claim
 from .clock import Clock
 from .cuts import LEAF
+from .either import Kind
 
 
 class TwoStagePlanner:
@@ -29,6 +32,8 @@ class TwoStagePlanner:
     with a certificate, an envelope's is reported as its margin and the problem stays undecided. Without a projection
     the relaxation's own point is put to the verifier.
     """
+
+    answers: ClassVar[Kind] = "postures"
 
     def __init__(
         self,
@@ -50,7 +55,7 @@ class TwoStagePlanner:
         )
         self._programs = programs or Programs()
 
-    def solve(self, problem: PostureProblem) -> Answer[Posture]:
+    def solve(self, problem: Problem) -> Answer[Posture]:
         """Relax, project, verify. Raises InvalidInput where the envelopes were learned for another class."""
         clock = Clock.start()
         if self.envelopes is not None:
@@ -80,7 +85,7 @@ class TwoStagePlanner:
 
     def _refuse(
         self,
-        problem: PostureProblem,
+        problem: Problem,
         scaled: Scaled,
         clock: Clock,
         lift: LiftAnswer | None,

@@ -14,7 +14,7 @@ import numpy as np
 from ..answer.certificate import Certificate
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..files.arrays import Array
-from ..problem import PostureBatch, PostureProblem
+from ..problem import PostureBatch, Problem
 from ..verify import check_certificates, check_postures
 from ..verify.half_spaces import row_counts
 from .answer import Acceptance
@@ -32,7 +32,7 @@ class Proposer(Protocol):
         """SHA-256 of what it is."""
         ...
 
-    def check_fits(self, problem: PostureProblem) -> None:
+    def check_fits(self, problem: Problem) -> None:
         """Raise InvalidInput unless the problem is of the class that this proposes for."""
         ...
 

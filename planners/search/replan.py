@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from ..answer.answer import Answer
 from ..answer.plan import Plan
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
 from .plan_course import ALL_FRICTION, plan_course
@@ -17,11 +17,11 @@ from .two_stage import TwoStageCoursePlanner
 
 def replan(
     state: Standing | None,
-    course: Course,
+    course: Problem,
     *,
     frame: int = 0,
     horizon: int | None = None,
-    planner: Planner | Callable[[Course], Planner] | None = None,
+    planner: Planner | Callable[[Problem], Planner] | None = None,
     shares: Sequence[float] = ALL_FRICTION,
     presses: Sequence[float] = (),
     limits: WholeBodyLimits | None = None,

@@ -18,7 +18,7 @@ from ..answer.posture import Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
-from ..problem import PostureProblem
+from ..problem import Problem
 from ..projection.project import Projection, project
 from ..relaxation.domain import domain_of, toe_ranges
 from ..relaxation.envelope import Envelope
@@ -55,7 +55,7 @@ class BoxSearch:
 
     def __init__(
         self,
-        problem: PostureProblem,
+        problem: Problem,
         scaled: Scaled,
         programs: Programs,
         *,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,13 +21,14 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import checked
-from ..problem.course import Course
+from ..problem import Problem
 from ..projection.descent import improved
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
 from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .choice import ChoiceSearch, SearchLimits
 from .clock import Clock
 from .cuts import PROVABLE, CutSearch
+from .either import Kind
 
 QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
@@ -44,6 +46,7 @@ class TwoStageCoursePlanner(TimeLimited):
     """
 
     name = "two-stage"
+    answers: ClassVar[Kind] = "courses"
 
     def __init__(
         self,
@@ -69,7 +72,7 @@ class TwoStageCoursePlanner(TimeLimited):
         self.steps = steps
         self.programs = programs or Programs()
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of the whole search."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         search = self.search(scaled, clock)

@@ -11,7 +11,7 @@ import inspect
 import json
 from collections.abc import Callable, Mapping
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from ..answer.answer import Answer, Status
 from ..answer.certificate import Certificate
@@ -20,8 +20,7 @@ from ..answer.posture import Posture
 from ..errors import InvalidInput
 from ..files.validation import shown
 from ..plugins import foreign
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from .answer import Acceptance, Claim, Limitable
 from .clock import Clock
 from .either import Kind, kind_of
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 Evidence = TypeVar("Evidence", Posture, Plan)
 Taken = TypeVar("Taken", Posture, Plan, Certificate)
 ASKED: Mapping[Kind, str] = {"postures": "PostureProblem", "courses": "Course"}
-"""The class that ``solve`` of a planner is annotated with which answers this kind of question alone."""
+"""The class, by its name of before, that ``solve`` is annotated with of a planner which answers this kind alone."""
 NUMBERS = {
     Posture: ("com_m", "rotation_rad", "toes_m", "forces_n", "points_m", "point_forces_n"),
     Certificate: ("tree", "multipliers"),
@@ -74,14 +73,14 @@ class VerifiedPlanner:
             planner, self.name, self._acceptance, called=self._called, envelopes=self._envelopes, remake=self._remake
         )
 
-    def solve(self, problem: PostureProblem | Course) -> Answer[Any]:
+    def solve(self, problem: Problem) -> Answer[Any]:
         """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that
         raises or answers another kind of question alone, and envelopes that were learned for other problems."""
         check_answers(self._planner, kind_of(problem), self._where)
-        if self._envelopes is not None and isinstance(problem, PostureProblem):
+        if self._envelopes is not None and problem.is_posture:
             self._envelopes.check_fits(problem)
         clock = Clock.start()
-        if isinstance(problem, Course):
+        if not problem.is_posture:
             planned, solves = _asked(self._planner, problem, self._where, Plan, course=problem)
             clock.count(solves, 0.0)
             return self._acceptance.answer(problem, planned, method=self.name, clock=clock)
@@ -91,14 +90,20 @@ class VerifiedPlanner:
 
 
 def check_answers(planner: Any, kind: Kind, where: str) -> None:
-    """Raise InvalidInput for a planner whose ``solve`` says, by the annotation of what it is asked, that it answers
-    another kind of question alone. where: what the message begins with."""
+    """Raise InvalidInput for a planner that says that it answers another kind of question alone: by its attribute
+    ``answers``, a kind, or as before by the annotation of what its ``solve`` is asked. where: what the message begins
+    with."""
+    said = getattr(planner, "answers", None)
+    if said in get_args(Kind):
+        if said != kind:
+            raise InvalidInput(f"{where}: expected a planner of {kind}, got one that answers {said} alone")
+        return
     try:
         asked = next(iter(inspect.signature(planner.solve).parameters.values()), None)
     except (TypeError, ValueError):  # it does not say
         return
-    said = getattr(asked, "annotation", inspect.Parameter.empty)
-    text = said if isinstance(said, str) else getattr(said, "__name__", "")
+    noted = getattr(asked, "annotation", inspect.Parameter.empty)
+    text = noted if isinstance(noted, str) else getattr(noted, "__name__", "")
     kinds: set[Kind] = {each for each, name in ASKED.items() if name in text}
     if kinds and kind not in kinds:
         raise InvalidInput(f"{where}: expected a planner of {kind}, got one that answers {kinds.pop()} alone")

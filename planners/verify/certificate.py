@@ -16,8 +16,7 @@ from ..answer.certificate import Certificate
 from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..problem.leap import Leap
 from .half_spaces import row_counts
 from .lagrangian import leaf_bounds
@@ -41,7 +40,7 @@ def check_certificate(certificate: Certificate, *, tolerance: float | None = Non
         from .leap_proof import check_leap_certificate  # of leaps alone
 
         return check_leap_certificate(certificate)
-    of_course = isinstance(subject, Course)
+    of_course = not subject.is_posture
     if tolerance is None:
         tolerance = 0.0 if of_course else GAP
     forest = forest_of(subject)
@@ -58,8 +57,8 @@ def check_certificate(certificate: Certificate, *, tolerance: float | None = Non
     elif math.isinf(bound):
         message = f"refuted at all leaves ({leaves}), even without the balance of moments"
     else:
-        scale = subject.weight_n * subject.length_scale_m if isinstance(subject, Course) else subject.moment_scale_nm
-        message = f"refuted at all leaves ({leaves}): {bound * scale:.3g} Nm of moment or more are left over"
+        moment_nm = bound * subject.moment_scale_nm
+        message = f"refuted at all leaves ({leaves}): {moment_nm:.3g} Nm of moment or more are left over"
     return proof_report(certificate, tolerance, bound, leaves, weakest, message)
 
 
@@ -122,14 +121,14 @@ def check_certificates(certificates: Sequence[Certificate]) -> Array:
     return bounds
 
 
-def _posture_problem(certificate: Certificate) -> PostureProblem:
+def _posture_problem(certificate: Certificate) -> Problem:
     """The posture problem that a certificate is of. Raises InvalidInput for one of anything else."""
     problem = certificate.refuted
-    if not isinstance(problem, PostureProblem):
+    if not (isinstance(problem, Problem) and problem.is_posture):
         raise InvalidInput(f"certificate: expected one of a posture problem, got one of a {type(problem).__name__}")
     return problem
 
 
-def forest_of(subject: PostureProblem | Course) -> Forest:
+def forest_of(subject: Problem) -> Forest:
     """The numbers and patches of a posture problem or a course."""
-    return Forest.of_course(subject) if isinstance(subject, Course) else Forest.of_postures((subject,))
+    return Forest.of_postures((subject,)) if subject.is_posture else Forest.of_course(subject)

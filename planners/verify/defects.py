@@ -8,11 +8,11 @@ from ..answer.plan import Plan
 from ..answer.posture import Posture
 from ..answer.report import OPTIONAL, plan_shapes
 from ..files.arrays import LARGEST
-from ..problem import PostureProblem
+from ..problem import Problem
 from .soles import counts_of, forces_defect
 
 
-def posture_defect(problem: PostureProblem, posture: Posture) -> str:
+def posture_defect(problem: Problem, posture: Posture) -> str:
     """What keeps the posture from being one at all; empty when nothing does.
 
     Looks at what there is, shapes and finiteness, of soles also whether forces at points add up. Nothing is raised.

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from ..answer.certificate import Certificate
 from ..files.arrays import Array
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from ..problem.leap import Leap
 from ..problem.limits import LINEAR
 from .certificate import GAP, check_certificate, forest_of
@@ -47,12 +46,12 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
         return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")
     forest = forest_of(subject)
     leaves = forest.leaves({0: forest.replay(0, certificate)})
-    if isinstance(subject, Course):
+    if not subject.is_posture:
         return _of_course(subject, forest.numbers, leaves)
     return _of_posture(subject, forest.numbers, leaves, max(GAP if tolerance is None else tolerance, 0.0))
 
 
-def _of_posture(problem: PostureProblem, numbers: Numbers, leaves: Leaves, least: float) -> Explanation:
+def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float) -> Explanation:
     unit_m, force = problem.length_scale_m, problem.moment_scale_nm / problem.length_scale_m
     found = []
 
@@ -88,7 +87,7 @@ def _of_posture(problem: PostureProblem, numbers: Numbers, leaves: Leaves, least
         search("reach", contact.leg, "m", contact.reach_m, REACH_CAP_M, reach)
         search("force_max", contact.leg, "N", float(contact.force_max[0]) * force, FORCE_CAP * force, normal_force)
     search(
-        "com_radius", "", "m", problem.com_radius_m, RADIUS_CAP_M,
+        "com_radius", "", "m", float(problem.com_radius_m[0]), RADIUS_CAP_M,
         lambda by: leaf_bounds(replace(numbers, com_radius=numbers.com_radius + by / unit_m), leaves),
     )  # fmt: skip
     search(
@@ -110,7 +109,7 @@ def _cheapest(first: Relaxation) -> str:
     return f"infeasible: the cheapest single change is {name}, {values}{change}"
 
 
-def _of_course(course: Course, numbers: Numbers, leaves: Leaves) -> Explanation:
+def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation:
     """The reason of the leaf whose Lagrangian is the least."""
     values, empty = least_lagrangians(numbers, leaves)
     value = np.where(empty, np.inf, values[1])
@@ -146,7 +145,7 @@ def _on_this_side(value: float, rises: bool) -> float:
     return (math.floor if rises else math.ceil)(value / step) * step
 
 
-def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tuple[list[Relaxation], str]:
+def _limits(course: Problem, numbers: Numbers, leaf: Leaves, value: float) -> tuple[list[Relaxation], str]:
     """What each limit would have to be to lift one leaf's proof, all else as it is; and where the proof pulls most."""
     names, who, m = course.robot.limb_names, numbers.schedule, Multipliers.of(numbers.schedule, leaf.multipliers)
     pushes = (length(m.nu_F) + length(m.nu_M))[0]
@@ -165,7 +164,7 @@ def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tup
     return found, where
 
 
-def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float) -> list[Relaxation]:
+def _lengths(course: Problem, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float) -> list[Relaxation]:
     """Every limit that the Lagrangian is linear in, where a change within reason lifts the proof."""
     unit_m, steps = course.length_scale_m, course.steps
     gripped, reach = m.gripped(numbers.schedule, numbers.row_normals[leaf.problem]), length(m.reach)[0]
@@ -196,7 +195,7 @@ def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, val
     return found
 
 
-def _linear(course: Course, m: Multipliers) -> Iterator[tuple[float, str, float, float, str]]:
+def _linear(course: Problem, m: Multipliers) -> Iterator[tuple[float, str, float, float, str]]:
     """(pull, name, limit, scale, unit) of further limits of the body's steps."""
     rows = np.repeat(list(course.steps.linear), [len(LINEAR[name][2]) for name in course.steps.linear])
     for name, limit in course.steps.linear.items():

@@ -20,7 +20,7 @@ from ..answer.plan import Plan
 from ..answer.report import LATE, WHOLE_BODY, Group
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.course import Course
+from ..problem import Problem
 from ..robot.urdf import Servo
 from .bodies import check_bodies
 
@@ -227,7 +227,7 @@ def _by_leg(solver: Kinematics, values: Array) -> Array:
     return np.array([[row[solver.joints_of(i)].max() for i in range(len(solver.robot.limbs))] for row in values])
 
 
-def _where(table: Array, frames: Sequence[int], course: Course) -> Place:
+def _where(table: Array, frames: Sequence[int], course: Problem) -> Place:
     row, limb = np.unravel_index(int(np.argmax(table)), table.shape)
     return frames[int(row)], course.robot.limb_names[int(limb)]
 

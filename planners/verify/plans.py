@@ -84,8 +84,8 @@ class _Sweep:
         if self._points:
             self._on_soles(regions)
         length_m = min(plan.course.length_scale_m, LARGEST_UNIT_M)
-        weight = plan.course.weight_n
-        self._units = {"m": length_m, "N": weight, "Nm": weight * length_m, "rad": 1.0, "": 1.0}
+        force_n = min(plan.course.force_n, plan.course.weight_n)
+        self._units = {"m": length_m, "N": force_n, "Nm": force_n * length_m, "rad": 1.0, "": 1.0}
         self._found = {name: self._group(name, 0.0) for name in PLAN_GROUPS}
 
     def _on_soles(self, regions: list[Patch]) -> None:
@@ -178,7 +178,7 @@ class _Sweep:
             weight = share if values.ndim == 1 else t
             return np.asarray((1.0 - weight) * values[frame] + weight * values[following])
 
-        bounds = np.array([course.force_min, course.force_max]) * course.weight_n
+        bounds = [bound[foothold] * course.force_n for bound in course.force_bounds]
         return Stances(
             owner=owner, com_m=way(plan.com_m), rotation_rad=way(plan.rotation_rad),
             com_nominal_m=way(course.com_nominal_m), com_radius_m=way(course.com_radius_m),

@@ -15,8 +15,7 @@ from ..answer.plan import Plan
 from ..answer.posture import Posture
 from ..answer.report import GROUPS, PLAN_GROUPS, WHOLE_BODY, Group, Report
 from ..files.arrays import Array
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from .defects import posture_defect
 from .geometry import exact_and_linear, length
 from .half_spaces import row_counts
@@ -33,7 +32,7 @@ PARTS = {
 """What the columns of a group are called."""
 
 
-def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float = 1e-6) -> Report[Posture]:
+def check_posture(problem: Problem, posture: Posture, *, tolerance: float = 1e-6) -> Report[Posture]:
     """Check every constraint of the problem at the posture; never raises for a bad posture.
 
     tolerance: largest violation allowed in any group, with lengths in the length scale, forces in the force scale,
@@ -62,7 +61,7 @@ def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float
 
 
 def check_postures(
-    problems: Sequence[PostureProblem], postures: Sequence[Posture], *, without: Collection[str] = ()
+    problems: Sequence[Problem], postures: Sequence[Posture], *, without: Collection[str] = ()
 ) -> Array:
     """The ``worst`` of ``check_posture`` for many at once, shape (B,); inf for what is no posture.
 
@@ -164,7 +163,7 @@ def violation(
 
 
 def refused(
-    subject: PostureProblem | Course,
+    subject: Problem,
     answer: Answered,
     tolerance: float,
     defect: str,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..files.arrays import Array
-from ..problem.posture import Contact
+from ..problem.contact import Contact
 from ..robot.model import Limb
 from ..terrain.patch import Patch
 from .geometry import contact_frames, cross, length, patch_distances

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from ..answer.posture import Posture
 from ..answer.report import GROUPS
 from ..files.arrays import Array, cached_arrays, locked
-from ..problem import Contact, PostureProblem
-from ..problem.course import Course
+from ..problem import Contact, Problem
 from .geometry import contact_frames, cross, length, patch_distances
 from .half_spaces import beyond, reach_rows, relative_rows, row_counts
 from .soles import counts_of, off_sole, sole_points
@@ -101,7 +100,7 @@ class Schedule:
         )
 
     @staticmethod
-    def of_course(course: Course) -> Schedule:
+    def of_course(course: Problem) -> Schedule:
         """That of a course, who stands where from the footholds alone."""
         names = course.robot.limb_names
         holds = np.full((course.frames, len(names)), -1, dtype=np.intp)
@@ -165,13 +164,16 @@ class Stances:
     rows: tuple[Array, Array] | None = None  # half-spaces of reach [m], see ``reach_rows``, or none at all
 
     @staticmethod
-    def of_postures(problems: Sequence[PostureProblem], postures: Sequence[Posture]) -> Stances:
+    def of_postures(problems: Sequence[Problem], postures: Sequence[Posture]) -> Stances:
         """Postures, each of the shapes that its problem asks for, one a problem."""
         contacts = [contact for problem in problems for contact in problem.contacts]
         owner = np.repeat(np.arange(len(problems)), [len(problem.contacts) for problem in problems])
         body = np.array(
             [
-                (p.com_radius_m, p.tilt_limit_rad, p.weight_n, p.length_scale_m, p.moment_scale_nm / p.length_scale_m)
+                (
+                    p.com_radius_m[0], p.tilt_limit_rad, p.weight_n, p.length_scale_m,
+                    p.moment_scale_nm / p.length_scale_m,
+                )
                 for p in problems
             ]
         ).T
@@ -181,7 +183,7 @@ class Stances:
         rest = np.array([(contact.shoulder_m, contact.force_min, contact.force_max) for contact in contacts])
         pose = np.array(
             [
-                (a.com_m, a.rotation_rad, problem.com_nominal_m)
+                (a.com_m, a.rotation_rad, problem.com_nominal_m[0])
                 for problem, a in zip(problems, postures, strict=True)
             ]
         )  # fmt: skip

@@ -9,8 +9,7 @@ import numpy as np
 from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem import PostureProblem
-from ..problem.course import Course
+from ..problem import Problem
 from .geometry import contact_frames, cut, sag
 from .half_spaces import relative_rows, row_counts, scaled_half_spaces
 from .lagrangian import Leaves, Numbers
@@ -44,7 +43,7 @@ class Forest:
         self._corners = 0  # of all further pieces
 
     @staticmethod
-    def of_course(course: Course) -> Forest:
+    def of_course(course: Problem) -> Forest:
         """A course: a candidate is a candidate patch of a foothold, a toe that already stands a patch of one point."""
         length, limbs = course.length_scale_m, course.robot.limbs
         who = Schedule.of_course(course)
@@ -57,6 +56,7 @@ class Forest:
         axes = np.array([(patch.normal, patch.shear_reference) for patch in patches])
         ahead = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
         every, steps, apart = (1, len(who.stance), 3), course.steps, relative_rows(course.robot, who.holds)
+        low, high = course.force_bounds
         numbers = Numbers(
             schedule=who,
             candidate=np.repeat(np.arange(len(course.footholds)), [len(put.candidates) for put in course.footholds]),
@@ -67,9 +67,9 @@ class Forest:
             com=course.com_nominal_m[None] / length,
             com_radius=course.com_radius_m[None] / length,
             tilt=np.array([course.tilt_limit_rad]),
-            weight=np.ones(1),
-            force_min=np.broadcast_to(course.force_min, every),
-            force_max=np.broadcast_to(course.force_max, every),
+            weight=np.array([course.weight_n / course.force_n]),
+            force_min=np.broadcast_to(low[who.foothold], every),
+            force_max=np.broadcast_to(high[who.foothold], every),
             steps=np.array([steps.com_m / length, steps.rotation_rad, steps.toe_m / length]),
             progress=np.where(ahead.any(axis=1), steps.progress_m / length, 0.0),
             ahead=ahead,
@@ -82,12 +82,12 @@ class Forest:
         return Forest(numbers, [vertices / length for vertices in points])
 
     @staticmethod
-    def of_postures(problems: Sequence[PostureProblem]) -> Forest:
+    def of_postures(problems: Sequence[Problem]) -> Forest:
         """Posture problems with equally many contacts, each with as many half-spaces of reach."""
         contacts = [contact for problem in problems for contact in problem.contacts]
         count, many = len(problems[0].contacts), len(problems)
         lengths = np.array([problem.length_scale_m for problem in problems])
-        body = np.array([(p.com_radius_m, p.tilt_limit_rad, p.weight_n / p.moment_scale_nm) for p in problems])
+        body = np.array([(p.com_radius_m[0], p.tilt_limit_rad, p.weight_n / p.moment_scale_nm) for p in problems])
         vectors = np.concatenate(
             [
                 vector
@@ -105,7 +105,7 @@ class Forest:
             friction=scalars[..., 0],
             shoulders=vectors[:, :, 2] / lengths[:, None, None],
             reach=scalars[..., 1] / lengths[:, None],
-            com=(np.array([problem.com_nominal_m for problem in problems]) / lengths[:, None])[:, None],
+            com=(np.array([problem.com_nominal_m[0] for problem in problems]) / lengths[:, None])[:, None],
             com_radius=(body[:, 0] / lengths)[:, None],
             tilt=body[:, 1],
             weight=body[:, 2] * lengths,
@@ -246,7 +246,7 @@ class Forest:
         return self._sags[root]
 
 
-def _offsets(course: Course) -> Array:
+def _offsets(course: Problem) -> Array:
     """From the toe to the points of its foot, by candidate, shape (1, T, K, 3) [m]."""
     soles = {limb.name: limb.sole_m for limb in course.robot.limbs}
     return _padded(

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
-from ..problem.posture import PostureProblem
+from ..problem import Problem
 from ..relaxation.envelope import Envelope
 from ..terrain.patch import Patch
 from .pushforward import nearest_rotation
@@ -68,15 +68,15 @@ class WarpedPose:
             friction=patch.friction,
         )
 
-    def problem(self, problem: PostureProblem) -> PostureProblem:
+    def problem(self, problem: Problem) -> Problem:
         """A posture problem about the body, in the world about φ of the body's place; the body is turned with it."""
         rotation, home = self.rotation, self.com_m
         contacts = tuple(
             replace(contact, patch=_moved(self.patch(contact.patch), -home), shoulder_m=rotation @ contact.shoulder_m)
             for contact in problem.contacts
         )
-        nominal = self.place(problem.com_nominal_m) - home
-        return replace(problem, contacts=contacts, com_nominal_m=nominal)
+        nominal = self.place(problem.com_nominal_m[0]) - home
+        return problem.posture_with(contacts=contacts, com_nominal_m=nominal)
 
     def envelope(self, envelope: Envelope, length_m: float) -> Envelope:
         """The box about what φ makes of a box over [p, f]; forces are in contact frames and stay.
@@ -111,7 +111,7 @@ class KeyFrames:
     com_m: Array
     rotation: Array
     toes_m: Array
-    problems: tuple[PostureProblem, ...]
+    problems: tuple[Problem, ...]
 
     def com_at(self, shares: Array) -> Array:
         """The body's place after shares of the way, straight between key frames, shape (K,) → (K, 3) [m]."""
@@ -140,7 +140,7 @@ def pushed_plan(warp: SplineMap, plan: Plan, start_xy_m: Array, yaw_rad: float =
             replace(contact, patch=_toe_patch(contact.patch, plan.toes_m[held[limb]] - body, toe_m))
             for contact, limb in zip(flat.contacts, stance.limbs, strict=True)
         )
-        level = replace(flat, contacts=contacts, com_nominal_m=np.zeros(3))
+        level = flat.posture_with(contacts=contacts, com_nominal_m=np.zeros(3))
         problems.append(poses[stance.frame].problem(level))
     return KeyFrames(
         limbs=tuple(limb.name for limb in plan.course.robot.limbs),

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.motion.plan_motion import PlanMotion
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.plan_window import Standing
@@ -60,7 +60,7 @@ class ClosedLoop:
     """
 
     def __init__(
-        self, course: Course, runner: Runner, policy: Policy | None = None, settings: LoopSettings = LoopSettings()
+        self, course: Problem, runner: Runner, policy: Policy | None = None, settings: LoopSettings = LoopSettings()
     ) -> None:
         planner = TwoStageCoursePlanner()
         self.runner, self.settings = runner, settings

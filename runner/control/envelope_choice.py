@@ -20,7 +20,8 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course, Stance
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.problem import Stance
 from stancekit.planners.relaxation.boxes import MIRROR, StanceBoxes, boxes_of, check_fits_one, mirrored, mirrored_box
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.answer import Planner
@@ -69,7 +70,7 @@ class SelectorPolicy:
         self.planners.append(EnvelopeOrLift(within, self._lift))
         return self.planners[-1]
 
-    def check_fits(self, course: Course) -> None:
+    def check_fits(self, course: Problem) -> None:
         """Raise InvalidInput for a course of which no stance is by the selector's legs: it would never be asked."""
         names = course.robot.limb_names
         if not any({names[limb] for limb in stance.limbs} == set(self.learned.legs) for stance in course.stances):
@@ -96,17 +97,17 @@ class SelectorPlanner:
     def __init__(self, selector: Predictor, learned: EnvelopeSet, *, programs: Programs | None = None) -> None:
         self._selector, self._learned, self._programs = selector, learned, programs or Programs()
 
-    def check_fits(self, course: Course) -> None:
+    def check_fits(self, course: Problem) -> None:
         """Raise InvalidInput for a course without a stance by legs and on patches that were learned for."""
         check_fits_one(course, self._learned)
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """Answer one course."""
         return within_chosen(self._selector, self._learned, course, self._programs).solve(course)
 
 
 def within_chosen(
-    selector: Predictor, learned: EnvelopeSet, course: Course, programs: Programs
+    selector: Predictor, learned: EnvelopeSet, course: Problem, programs: Programs
 ) -> EnvelopeCoursePlanner:
     """A planner within the boxes that a selector chooses for a course, widened by ``ROOM``.
 
@@ -121,7 +122,7 @@ def within_chosen(
     return EnvelopeCoursePlanner(boxes, max_nodes=NODES, programs=programs)
 
 
-def chosen(selector: Predictor, learned: EnvelopeSet, course: Course) -> StanceBoxes | None:
+def chosen(selector: Predictor, learned: EnvelopeSet, course: Problem) -> StanceBoxes | None:
     """The boxes that a selector chooses for every stance of a course; None where one is not by its legs.
 
     It is asked about the first candidate of every toe that grips, with which a search within boxes begins, too.
@@ -147,7 +148,7 @@ def chosen(selector: Predictor, learned: EnvelopeSet, course: Course) -> StanceB
     return StanceBoxes(problem_class=learned.problem_class, boxes=tuple(each))
 
 
-def seen(course: Course, stance: Stance, legs: Sequence[str], mirror: bool) -> dict[str, NDArray[np.float32]]:
+def seen(course: Problem, stance: Stance, legs: Sequence[str], mirror: bool) -> dict[str, NDArray[np.float32]]:
     """The observation of a stance as ``EnvelopeSelection-v0`` has it, or of its mirror image; legs: in this order."""
     choice = [int(np.argmax([patch.friction > 0.0 for patch in each.candidates])) for each in course.footholds]
     problem = course.posture_problem(stance, choice)
@@ -156,17 +157,17 @@ def seen(course: Course, stance: Stance, legs: Sequence[str], mirror: bool) -> d
     for leg in legs:
         contact = by_leg[leg]
         toe = course.footholds[int(course.holds[stance.frame, course.robot.limb_names.index(leg)])].toe_m
-        corners = about(contact.patch, problem.com_nominal_m + contact.shoulder_m if toe is None else toe, radius)
+        corners = about(contact.patch, problem.com_nominal_m[0] + contact.shoulder_m if toe is None else toe, radius)
         way = -1 if mirror else 1  # in the mirror a border goes round the other way
         patch = replace(
-            contact.patch, vertices_m=(turn * (corners - problem.com_nominal_m))[::way],
+            contact.patch, vertices_m=(turn * (corners - problem.com_nominal_m[0]))[::way],
             normal=turn * contact.patch.normal, shear_reference=turn * contact.patch.shear_reference,
         )  # fmt: skip
         contacts.append(replace(contact, patch=patch, shoulder_m=turn * contact.shoulder_m))
-    return observe(Scaled.of(replace(problem, contacts=tuple(contacts), com_nominal_m=np.zeros(3))))
+    return observe(Scaled.of(problem.posture_with(contacts=tuple(contacts), com_nominal_m=np.zeros(3))))
 
 
-def _sides(learned: EnvelopeSet, course: Course) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _sides(learned: EnvelopeSet, course: Problem) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The legs that were learned for, and those opposite to them in the same order; none of a robot without such."""
     try:
         return learned.legs, mirrored(learned, course.robot).legs
@@ -217,7 +218,7 @@ class EnvelopeOrLift:
         self.within, self.lift = within, lift
         self.within_last: bool | None = None
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         """Answer one course."""
         try:
             outcome = None if self.within is None else self.within.solve(course)

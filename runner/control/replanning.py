@@ -18,7 +18,7 @@ import numpy as np
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import PlanningFailed
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
@@ -41,7 +41,7 @@ class Observation:
     at the beginning); state: measured last, None at the beginning. friction_share: of the course's friction, the most
     likely by what feet felt so far. frame: of the whole course."""
 
-    window: Course
+    window: Problem
     standing: Standing | None
     state: State | None
     friction_share: float
@@ -59,7 +59,7 @@ class Replanner:
     """
 
     def __init__(
-        self, course: Course, policy: Policy, settings: LoopSettings, runner: Runner, friction: FrictionEstimator
+        self, course: Problem, policy: Policy, settings: LoopSettings, runner: Runner, friction: FrictionEstimator
     ) -> None:
         self.course, self.plans, self.planned_share, self.counted, self.plan_s = course, 0, 1.0, 1.0, 0.0
         self._policy, self._settings, self._runner, self._friction = policy, settings, runner, friction
@@ -110,7 +110,7 @@ class Replanner:
         return share, shares
 
     def _rather(
-        self, outcome: Answer[Plan], course: Course, what: str, answer: Callable[[Course], Answer[Plan]]
+        self, outcome: Answer[Plan], course: Problem, what: str, answer: Callable[[Problem], Answer[Plan]]
     ) -> Answer[Plan]:
         """That of another course, which takes this one's place, where it has a plan that counts on less friction."""
         other = answer(course)
@@ -122,12 +122,12 @@ class Replanner:
         return other
 
     def _answer(
-        self, course: Course, *, frame: int, share: float, standing: Standing | None, shares: tuple[float, ...],
+        self, course: Problem, *, frame: int, share: float, standing: Standing | None, shares: tuple[float, ...],
         limits: WholeBodyLimits | None, horizon: int,
     ) -> Answer[Plan]:  # fmt: skip
         """What a policy's planner says of a course with this share of its friction."""
 
-        def planner_of(window: Course) -> Planner:
+        def planner_of(window: Problem) -> Planner:
             observation = Observation(
                 window=window, standing=standing, state=self._runner.state, friction_share=share, frame=frame
             )
@@ -139,7 +139,7 @@ class Replanner:
         )  # fmt: skip
 
 
-def _easier(course: Course, frame: int) -> Iterator[tuple[str, Course]]:
+def _easier(course: Problem, frame: int) -> Iterator[tuple[str, Problem]]:
     """Courses that ask for less from this key frame on, and in what."""
     for last in dict.fromkeys((min(frame + 1, course.frames - 1), course.frames - 1)):
         if any(len(lifted) > 1 for lifted in course.lifts[frame + 1 : last + 1]):

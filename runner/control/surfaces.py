@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course, Foothold
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface
@@ -67,7 +68,7 @@ class EmptyStep:
         return np.asarray((self._foothold >= 0) & (self._bore < self._periods))
 
 
-def without(course: Course, place: Patch, toe_m: Array, frame: int) -> Course:
+def without(course: Problem, place: Patch, toe_m: Array, frame: int) -> Problem:
     """The course with nothing around a toe that came down on nothing, at this frame or later.
 
     place: what it should have stood on. Raises PlanningFailed where a foothold has no candidate left.
@@ -123,7 +124,7 @@ class Offsets:
                 return patch.with_vertices(patch.vertices_m + offset * patch.normal)
         return patch
 
-    def course(self, course: Course) -> Course:
+    def course(self, course: Problem) -> Problem:
         """The course with its surfaces where they were found to be."""
         moved: Callable[[Patch], Patch] = cache(self.moved)
         footholds = tuple(

@@ -13,7 +13,7 @@ from stancekit.planners.robot.single_body import GaitRobot
 
 
 @pytest.fixture(scope="module")
-def problems() -> list[stancekit.PostureProblem]:
+def problems() -> list[stancekit.Problem]:
     return stancekit.sample("wall-3", 9, rng=8)
 
 
@@ -53,7 +53,7 @@ def test_plans_and_courses_come_back_and_a_plan_is_verified_as_it_is_written(pla
     np.testing.assert_array_equal(again.forces_n, plan.forces_n)
     assert json.loads((tmp_path / "plan.json").read_text())["verified"]
     stancekit.save(plan.course, tmp_path / "course.json")
-    course = stancekit.load(tmp_path / "course.json", stancekit.Course)
+    course = stancekit.load(tmp_path / "course.json", stancekit.Problem)
     assert (course.name, course.frames, course.stances) == (plan.course.name, 2, plan.course.stances)
 
 
@@ -76,7 +76,7 @@ def test_a_walk_comes_back(tmp_path):
 
 
 def test_yaml_is_a_course_or_a_robot_and_a_folder_a_data_set(tmp_path):
-    assert stancekit.load(config_path("courses/stairs.yaml"), stancekit.Course).name == "stairs"
+    assert stancekit.load(config_path("courses/stairs.yaml"), stancekit.Problem).name == "stairs"
     assert stancekit.load(config_path("robots/anymal.yaml"), GaitRobot).name == "anymal"
     stancekit.label("wall-3", tmp_path / "set", rows=(2, 2))
     rows = stancekit.load(tmp_path / "set", stancekit.Dataset)
@@ -106,15 +106,15 @@ def test_what_is_none_of_ours_is_one_line(name, content, words, tmp_path):
 
 def test_another_kind_than_was_asked_for_is_refused(plan, tmp_path):
     stancekit.save(plan, tmp_path / "plan.json")
-    with pytest.raises(stancekit.InvalidInput, match=r"plan\.json: expected a Course, got a Plan$"):
-        stancekit.load(tmp_path / "plan.json", stancekit.Course)
-    with pytest.raises(stancekit.InvalidInput, match=r"^thing: expected a PostureProblem, a Course, .* got 3$"):
+    with pytest.raises(stancekit.InvalidInput, match=r"plan\.json: expected a Problem, got a Plan$"):
+        stancekit.load(tmp_path / "plan.json", stancekit.Problem)
+    with pytest.raises(stancekit.InvalidInput, match=r"^thing: expected a Problem, a Leap, .* got 3$"):
         stancekit.save(3, tmp_path / "x.json")
 
 
 def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
     certificate = stancekit.solve(problems[0]).certificate
-    for subject, answer, came in ((plan, certificate, "Plan with Certificate"), (problems[0], None, "PostureProblem")):
+    for subject, answer, came in ((plan, certificate, "Plan with Certificate"), (problems[0], None, "Problem")):
         with pytest.raises(stancekit.InvalidInput, match=rf"got {came}$"):
             stancekit.verify(subject, answer)
     with pytest.raises(stancekit.InvalidInput, match="expected no answer and no envelope with a Plan"):

@@ -32,7 +32,7 @@ def refused(begins: str, call: Callable[[], Any]) -> str:
     return line
 
 
-def problem() -> stancekit.PostureProblem:
+def problem() -> stancekit.Problem:
     """One that has a posture."""
     return stancekit.sample("ground-3", rng=3)[0]
 
@@ -71,6 +71,14 @@ def test_a_planner_of_another_kind_of_question_is_refused():
     refused("method: ", lambda: stancekit.plan("stairs", make_planner("exact", of="postures"), frames=2))
     for name in ("nlp", "two-stage", "micp", "decoupled"):
         assert stancekit.plan("stairs", make_planner(name, of="courses"), frames=2).status is stancekit.Status.FEASIBLE
+
+
+def test_a_course_is_solved_for_its_contacts_alone():
+    course = stancekit.load("stairs")
+    answer = stancekit.solve(stancekit.plan("stairs", frames=2).problem, "two-stage")
+    assert answer.status is stancekit.Status.FEASIBLE
+    assert (answer.report, answer.solution.joints_rad, len(answer.solution.com_m)) == (None, None, 2)
+    refused("method: expected one of ", lambda: stancekit.solve(course, "p1"))
 
 
 def test_one_planner_answers_postures_and_courses():
@@ -163,5 +171,5 @@ def test_a_plan_goes_over_a_ground_by_its_name_as_over_its_footholds(name: str) 
     assert found.solution is not None
     assert same.solution is not None
     np.testing.assert_array_equal(found.solution.toes_m, same.solution.toes_m)
-    assert isinstance(found.problem, stancekit.Course)
+    assert isinstance(found.problem, stancekit.Problem)
     assert found.problem.name == name

@@ -38,7 +38,7 @@ def test_the_import_loads_nothing_that_takes_time():
 
 
 def test_only_what_a_name_needs_is_loaded():
-    script = "import stancekit, sys; stancekit.PostureProblem, stancekit.solve, stancekit.plan\n" + (
+    script = "import stancekit, sys; stancekit.Problem, stancekit.solve, stancekit.plan\n" + (
         "print([name for name in ('torch', 'casadi', 'cvxpy', 'gymnasium', 'mujoco') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

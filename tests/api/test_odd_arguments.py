@@ -27,7 +27,7 @@ def sound() -> dict[str, Any]:
     x = np.linspace(-1.0, 1.0, 5)
     level = stancekit.HeightField(x_m=x, y_m=x, heights_m=np.zeros((5, 5)), name="level")
     return {
-        "Robot": robot, "Limb": robot.limbs[0], "PostureProblem": problem, "Contact": problem.contacts[0],
+        "Robot": robot, "Limb": robot.limbs[0], "Problem": problem, "Contact": problem.contacts[0],
         "Patch": problem.contacts[0].patch, "HeightField": level,
     }  # fmt: skip
 
@@ -40,7 +40,7 @@ def arguments(value: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    "name", ["Robot", "Limb", "PostureProblem", "Contact", "Patch", "HeightField"]
+    "name", ["Robot", "Limb", "Problem", "Contact", "Patch", "HeightField"]
 )
 def test_a_constructor_takes_what_it_can_be_or_says_what_is_wrong(name: str) -> None:
     value = sound()[name]
@@ -100,16 +100,16 @@ def test_a_function_takes_what_it_can_be_or_says_what_is_wrong(name: str) -> Non
 
 
 def test_lists_of_other_things_are_said_by_their_place() -> None:
-    problem = sound()["PostureProblem"]
+    problem = sound()["Problem"]
     more: dict[str, Any] = {"mass_kg": 10.0, "com_nominal_m": [0.0, 0.0, 0.0], "com_radius_m": 0.1}
     with pytest.raises(InvalidInput, match=r"^contacts\[0\]: expected a Contact, got 1$"):
-        stancekit.PostureProblem(contacts=[1, 2], **more)  # type: ignore[arg-type]
+        stancekit.Problem.posture(contacts=[1, 2], **more)  # type: ignore[arg-type]
     with pytest.raises(
         InvalidInput, match=r"^contacts: expected a list of Contact, got array\(\[\]"
     ):
-        stancekit.PostureProblem(contacts=np.zeros(0), **more)  # type: ignore[arg-type]
+        stancekit.Problem.posture(contacts=np.zeros(0), **more)  # type: ignore[arg-type]
     assert (
-        stancekit.PostureProblem(contacts=list(problem.contacts), **more).contacts
+        stancekit.Problem.posture(contacts=list(problem.contacts), **more).contacts
         == problem.contacts
     )
     for limbs, message in (

@@ -101,10 +101,12 @@ def test_an_answer_is_verified_by_what_it_rests_on(held, refuted):
 
 ONE_KIND = """
 class Postures:
+    answers = "postures"
+
     def __init__(self, options):
         pass
 
-    def solve(self, problem: "PostureProblem"):
+    def solve(self, problem):
         return None
 
 class Courses:

@@ -38,7 +38,7 @@ class Slippery:
         (problem,) = stancekit.sample("wall-3", rng=rng)
         patches = [contact.patch.with_friction(0.9 * contact.patch.friction) for contact in problem.contacts]
         contacts = [replace(c, patch=patch) for c, patch in zip(problem.contacts, patches, strict=True)]
-        return replace(problem, contacts=tuple(contacts))
+        return problem.posture_with(contacts=tuple(contacts))
 
 
 class Widest:
@@ -75,9 +75,9 @@ class Centres:
             for row, (axis, sign) in enumerate([(1, 1), (1, -1), (2, 1), (2, -1)]):
                 cones[4 * k + row, 3 + 3 * k] = -contact.patch.friction / np.sqrt(2.0)
                 cones[4 * k + row, 3 + 3 * k + axis] = sign
-        room = problem.com_radius_m / np.sqrt(3.0)
+        room = problem.com_radius_m[0] / np.sqrt(3.0)
         scale = problem.force_scale_n
-        bounds = [(c - room, c + room) for c in problem.com_nominal_m]
+        bounds = [(c - room, c + room) for c in problem.com_nominal_m[0]]
         bounds += [(scale * a, scale * b) for contact in problem.contacts
                    for a, b in zip(contact.force_min, contact.force_max, strict=True)]
         found = linprog(np.zeros(3 + 3 * count), cones, np.zeros(len(cones)), balance,

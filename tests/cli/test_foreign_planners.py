@@ -12,7 +12,7 @@ import stancekit as library
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.posture import Posture
 from stancekit.planners.formats.answer_file import answer_from_json
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.search import methods
 from stancekit.planners.verify import check_certificate, check_posture
 
@@ -28,10 +28,10 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 def easier(problem):
     contacts = (replace(c, patch=c.patch.with_friction(c.patch.friction + 3.0), reach_m=3.0 * c.reach_m)
                 for c in problem.contacts)
-    return replace(problem, contacts=tuple(contacts), com_radius_m=0.5)
+    return problem.posture_with(contacts=tuple(contacts), com_radius_m=0.5)
 
 def harder(problem):
-    return replace(problem, contacts=tuple(replace(c, reach_m=0.01) for c in problem.contacts))
+    return problem.posture_with(contacts=tuple(replace(c, reach_m=0.01) for c in problem.contacts))
 
 def changed(subject, into):
     vars(subject).clear()
@@ -170,7 +170,7 @@ def garbage(tmp_path: Path) -> str:
     "name", ["Dreams", "GivesUp", "MakesEasier", "MakesHarder", "WritesArrays", "Tolerant", "Late"]
 )
 def test_whatever_a_planner_does_an_answer_is_one_to_the_problem_that_was_asked(name, liars, stancekit, write, sampled):
-    problems = [PostureProblem.from_json(item) for item in sampled["wall-3"][:6]]
+    problems = [Problem.from_json(item) for item in sampled["wall-3"][:6]]
     ran = stancekit("solve", write("p.jsonl", *sampled["wall-3"][:6]), "--method", f"{liars}:{name}", "--certificate",
                     "--json")  # fmt: skip
     assert (ran.code, ran.err, len(ran.records)) == (0, "", 6)
@@ -271,5 +271,5 @@ def test_who_takes_over_a_name_of_the_package_is_verified_like_any_other(monkeyp
             return library.Answer(status=library.Status.FEASIBLE, method="exact", claim=said)
 
     monkeypatch.setitem(methods.PLANNERS._things, "exact", Boaster)
-    outcome = library.solve(PostureProblem.from_json(problem), "exact")
+    outcome = library.solve(Problem.from_json(problem), "exact")
     assert (outcome.status, outcome.claim) == (library.Status.UNDECIDED, claim)

@@ -6,7 +6,7 @@ import os
 import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 
 
 @pytest.mark.parametrize("name", sorted(DISTRIBUTIONS))
@@ -15,7 +15,7 @@ def test_every_line_is_a_problem(name, stancekit, sampled):
     assert (ran.code, ran.err) == (0, "")
     assert ran.records == sampled[name]
     for record in ran.records:
-        assert PostureProblem.from_json(record).to_json() == record
+        assert Problem.from_json(record).to_json() == record
 
 
 def test_equal_seeds_give_equal_problems_and_others_give_others(stancekit):

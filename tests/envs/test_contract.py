@@ -45,7 +45,7 @@ class Mine:
 class Mine:
     """A distribution with nothing but ``sample``."""
 
-    def sample(self, rng: np.random.Generator) -> stancekit.PostureProblem:
+    def sample(self, rng: np.random.Generator) -> stancekit.Problem:
         return GROUND_3.sample(rng)
 
 

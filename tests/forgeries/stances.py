@@ -15,7 +15,7 @@ from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.posture import Posture
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -31,7 +31,7 @@ def honest_plan() -> Plan:
     return plan
 
 
-def honest_posture() -> tuple[PostureProblem, Posture]:
+def honest_posture() -> tuple[Problem, Posture]:
     """A problem on three patches with its witness."""
     rng = np.random.default_rng(3)
     while True:
@@ -74,11 +74,11 @@ def contact_fault(toe: Array, force: Array, patch: Any, weight: float, length: f
     return ""
 
 
-def posture_fault(problem: PostureProblem, posture: Posture) -> str:
+def posture_fault(problem: Problem, posture: Posture) -> str:
     """Why nobody stands like that; empty where the judge does not know."""
     length, weight = problem.length_scale_m, problem.weight_n
     room = 1.5 * TOLERANCE * length
-    if np.linalg.norm(posture.com_m - problem.com_nominal_m) > problem.com_radius_m + room:
+    if np.linalg.norm(posture.com_m - problem.com_nominal_m[0]) > problem.com_radius_m[0] + room:
         return "the body is elsewhere"
     if abs(posture.rotation_rad).max() > problem.tilt_limit_rad + 1.5 * TOLERANCE:
         return "the body is tilted"
@@ -213,7 +213,7 @@ def _far_body(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Ar
 
 
 def _tilt(subject: Any, array: Array, unit: float, rng: np.random.Generator) -> Array:
-    limit = subject.tilt_limit_rad if isinstance(subject, PostureProblem) else subject.course.tilt_limit_rad
+    limit = subject.tilt_limit_rad if isinstance(subject, Problem) else subject.course.tilt_limit_rad
     body = array if array.ndim == 1 else array[rng.integers(len(array))]
     body[rng.integers(3)] = rng.choice([-1.0, 1.0]) * (limit + unit)
     return array
@@ -278,7 +278,7 @@ PLANS: dict[str, Callable[..., Any]] = SHARED | {
 # ------------------------------------------------------------------------------------------------------- proofs
 
 
-def has_witness(problem: PostureProblem) -> bool:
+def has_witness(problem: Problem) -> bool:
     """Whether the judge finds nothing wrong with a posture: then no proof of the contrary is one."""
     posture = ExactPlanner().solve(problem).solution
     return posture is not None and posture_fault(problem, posture) == ""
@@ -289,7 +289,7 @@ def proof_kinds() -> dict[str, Callable[..., Any]]:
     problem, _ = honest_posture()
     for friction in (0.2, 0.1, 0.05, 0.02, 0.0):
         contacts = tuple(replace(one, patch=one.patch.with_friction(friction)) for one in problem.contacts)
-        proof = ExactPlanner().solve(replace(problem, contacts=contacts)).certificate
+        proof = ExactPlanner().solve(problem.posture_with(contacts=contacts)).certificate
         if proof is not None:
             break
     assert proof is not None
@@ -318,7 +318,7 @@ def proof_kinds() -> dict[str, Callable[..., Any]]:
         ),
     }
 
-    def forged(forge: Any, size: float, rng: np.random.Generator) -> tuple[PostureProblem, Certificate]:
+    def forged(forge: Any, size: float, rng: np.random.Generator) -> tuple[Problem, Certificate]:
         return problem, forge(proof, size, rng)
 
     return {name: partial(forged, forge) for name, forge in kinds.items()}

@@ -15,8 +15,8 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course, Foothold, StepLimits, Weights
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.problem import Foothold, StepLimits, Weights
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach import ReachRows, RelativeReach
@@ -65,7 +65,7 @@ def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
                 stands = toe if start else None
                 footholds.append(Foothold(limb=limb.name, frame=k, candidates=patches[start:], toe_m=stands))
                 toes.append(toe)
-    course = Course(
+    course = Problem(
         name=f"walk-{gait}", robot=robot, terrain=(_square(np.zeros(3), 0.6, 2.0),), footholds=tuple(footholds),
         lifts=lifts, next_lift=lifted[frames - 1], com_nominal_m=com, com_radius_m=np.full(frames, 0.02),
         goal_m=com[-1] + [0.1, 0.0, 0.0], steps=StepLimits(com_m=0.05, toe_m=0.2, progress_m=0.02),
@@ -88,7 +88,7 @@ def _square(centre: np.ndarray, friction: float, half: float = 0.1) -> Patch:
 
 
 @pytest.fixture(scope="session")
-def climb() -> Callable[..., Course]:
+def climb() -> Callable[..., Problem]:
     """``climb(seed, frames=2, regions=1, ice=0.0)``: four limbs on tilted patches of two walls, one limb moves a frame.
 
     Some seeds have a plan and some do not. ice: the chance that a patch has no friction.
@@ -96,7 +96,7 @@ def climb() -> Callable[..., Course]:
     return cache(_climb)
 
 
-def _climb(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Course:
+def _climb(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Problem:
     rng = np.random.default_rng(seed)
     robot = Robot(name="four", mass_kg=10.0, limbs=hexapod().select(FOUR))
     com = np.array([[0.0, 0.0, CLIMB_M * k] for k in range(frames)])
@@ -107,7 +107,7 @@ def _climb(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Co
         for limb in robot.limbs
         if k == 0 or limb.name in lifts[k]
     )
-    return Course(
+    return Problem(
         name=f"climb-{seed}", robot=robot, terrain=tuple(p for put in footholds for p in put.candidates),
         footholds=footholds, lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
         com_nominal_m=com, com_radius_m=np.full(frames, 0.05), goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
@@ -115,7 +115,7 @@ def _climb(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Co
     )  # fmt: skip
 
 
-def _rough(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Course:
+def _rough(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Problem:
     course, rng = _climb(seed, frames, regions, ice), np.random.default_rng([seed, frames, regions])
     footholds = []
     for index, put in enumerate(course.footholds):
@@ -151,7 +151,7 @@ def _tilted(rng: np.random.Generator, com: np.ndarray, limb: object, ice: float)
 
 
 @pytest.fixture(scope="session")
-def rough() -> Callable[..., Course]:
+def rough() -> Callable[..., Problem]:
     """``rough(seed, frames=2, regions=1, ice=0.0)``: such a course on polygons of 3 to 6 corners, not quite flat.
 
     A foothold has one or more candidates, ``regions`` at most, and the first limb's toe stands already.
@@ -160,7 +160,7 @@ def rough() -> Callable[..., Course]:
 
 
 @pytest.fixture(scope="session")
-def written_course() -> Callable[[Course], tuple[cp.Problem, list[list[cp.Variable]]]]:
+def written_course() -> Callable[[Problem], tuple[cp.Problem, list[list[cp.Variable]]]]:
     """``written_course(course)``: the lift from the course's own numbers, one sentence of the paper after another.
 
     The problem, objective in m², and the shares λ by foothold and candidate. No line is shared with the planners.
@@ -168,7 +168,7 @@ def written_course() -> Callable[[Course], tuple[cp.Problem, list[list[cp.Variab
     return _written_course
 
 
-def _written_course(course: Course) -> tuple[cp.Problem, list[list[cp.Variable]]]:
+def _written_course(course: Problem) -> tuple[cp.Problem, list[list[cp.Variable]]]:
     frames, robot = course.frames, course.robot
     com, turn = cp.Variable((frames, 3)), cp.Variable((frames, 3))
     borders = [
@@ -231,7 +231,7 @@ def _times(v: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="session")
-def ragged() -> Callable[..., Course]:
+def ragged() -> Callable[..., Problem]:
     """``ragged(seed, frames=2, candidates=3, ice=0.3)``: four limbs between two walls, one moves a frame.
 
     A toe has up to so many candidate patches, each of 3 to 5 corners, with no friction at the chance of ``ice``. One
@@ -241,7 +241,7 @@ def ragged() -> Callable[..., Course]:
 
 
 @pytest.fixture(scope="session")
-def bounded() -> Callable[..., PostureProblem | Course]:
+def bounded() -> Callable[..., Problem]:
     """``bounded(subject, seed, room_m=0.1, of=None)``: every limb, or these, in a polytope about its nominal toe.
 
     Six half-spaces to random sides, each ``room_m`` from where the first toe lies from the nominal COM, or less.
@@ -250,7 +250,7 @@ def bounded() -> Callable[..., PostureProblem | Course]:
 
 
 @pytest.fixture(scope="session")
-def paired() -> Callable[..., Course]:
+def paired() -> Callable[..., Problem]:
     """``paired(course, seed, room_m=0.2)``: every two feet in a polytope about where they begin from one another.
 
     Six half-spaces to random sides, each ``room_m`` away, or less.
@@ -258,7 +258,7 @@ def paired() -> Callable[..., Course]:
     return _paired
 
 
-def _paired(course: Course, seed: int, room_m: float = 0.2) -> Course:
+def _paired(course: Problem, seed: int, room_m: float = 0.2) -> Problem:
     rng, found = np.random.default_rng(seed), []
     toes = {
         name: course.footholds[p].candidates[0].centre_m
@@ -274,8 +274,8 @@ def _paired(course: Course, seed: int, room_m: float = 0.2) -> Course:
 
 
 def _bounded(
-    subject: PostureProblem | Course, seed: int, room_m: float = 0.1, of: Sequence[str] | None = None
-) -> PostureProblem | Course:
+    subject: Problem, seed: int, room_m: float = 0.1, of: Sequence[str] | None = None
+) -> Problem:
     rng = np.random.default_rng(seed)
 
     def rows(name: str, toe: np.ndarray, com: np.ndarray) -> ReachRows | None:
@@ -284,9 +284,9 @@ def _bounded(
         bounds = normals @ (toe - com) + room_m * rng.uniform(0.6, 1.0, 6)
         return ReachRows(normals=size[:, None] * normals, bounds_m=size * bounds) if of is None or name in of else None
 
-    if isinstance(subject, PostureProblem):
-        each = [(c, rows(c.leg, c.patch.centre_m, subject.com_nominal_m)) for c in subject.contacts]
-        return replace(subject, contacts=tuple(replace(contact, reach_rows=its) for contact, its in each))
+    if subject.is_posture:
+        each = [(c, rows(c.leg, c.patch.centre_m, subject.com_nominal_m[0])) for c in subject.contacts]
+        return subject.posture_with(contacts=tuple(replace(contact, reach_rows=its) for contact, its in each))
     limbs = []
     for limb, first in zip(subject.robot.limbs, subject.holds[0], strict=True):
         toe = subject.footholds[first].candidates[0].centre_m
@@ -295,24 +295,24 @@ def _bounded(
 
 
 @pytest.fixture(scope="session")
-def soled() -> Callable[..., PostureProblem | Course]:
+def soled() -> Callable[..., Problem]:
     """``soled(subject, seed)``: every second foot a small sole of three or four points, at its candidate's own yaw."""
     return _soled
 
 
-def _soled(subject: PostureProblem | Course, seed: int) -> PostureProblem | Course:
+def _soled(subject: Problem, seed: int) -> Problem:
     rng = np.random.default_rng(seed)
 
     def sole(i: int) -> np.ndarray | None:
         corners = np.array([[6e-3, 3e-3], [5e-3, -3e-3], [-4e-3, -3e-3], [-4e-3, 3e-3]])
         return corners[: 3 + (i // 2) % 2] if i % 2 == 0 else None
 
-    if isinstance(subject, PostureProblem):
+    if subject.is_posture:
         contacts = (
             replace(contact, sole_m=sole(i), yaw_rad=float(rng.uniform(-3.0, 3.0)))
             for i, contact in enumerate(subject.contacts)
         )
-        return replace(subject, contacts=tuple(contacts))
+        return subject.posture_with(contacts=tuple(contacts))
     limbs = tuple(replace(limb, sole_m=sole(i)) for i, limb in enumerate(subject.robot.limbs))
     puts = (replace(put, yaws_rad=tuple(rng.uniform(-3.0, 3.0, len(put.candidates)))) for put in subject.footholds)
     return replace(subject, robot=replace(subject.robot, limbs=limbs), footholds=tuple(puts))
@@ -324,7 +324,7 @@ def near() -> Callable[[Scaled, int], Point]:
     return _near
 
 
-def _ragged(seed: int, frames: int = 2, candidates: int = 3, ice: float = 0.3) -> Course:
+def _ragged(seed: int, frames: int = 2, candidates: int = 3, ice: float = 0.3) -> Problem:
     rng = np.random.default_rng(seed)
     robot = Robot(name="four", mass_kg=10.0, limbs=hexapod().select(FOUR))
     com = np.array([[0.0, 0.0, CLIMB_M * k] for k in range(frames)])
@@ -338,7 +338,7 @@ def _ragged(seed: int, frames: int = 2, candidates: int = 3, ice: float = 0.3) -
                 patches = tuple(_patch(rng, com[k], limb, 0.0 if stands else ice) for _ in range(count))
                 toe = patches[0].vertices_m.mean(axis=0) if stands else None
                 footholds.append(Foothold(limb=limb.name, frame=k, candidates=patches, toe_m=toe))
-    return Course(
+    return Problem(
         name=f"ragged-{seed}", robot=robot, terrain=tuple(p for put in footholds for p in put.candidates),
         footholds=tuple(footholds), lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
         com_nominal_m=com, com_radius_m=np.full(frames, 0.05), goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),

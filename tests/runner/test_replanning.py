@@ -13,7 +13,7 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import PlanningFailed
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -36,10 +36,10 @@ def standing() -> Standing:
 class Unless:
     """Solves windows but those that a condition refuses; ``seen``: all lifts that it was asked for."""
 
-    def __init__(self, refuses: Callable[[Course], bool]) -> None:
+    def __init__(self, refuses: Callable[[Problem], bool]) -> None:
         self.refuses, self.seen = refuses, list[tuple[tuple[str, ...], ...]]()
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         self.seen.append(course.lifts)
         if self.refuses(course):
             return Answer(status=Status.UNDECIDED, method="told to", message="too hard")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.posture import Posture
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.terrain import Patch
@@ -27,7 +27,7 @@ from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save, to_rgb
 
 SMALL = (480, 360)
-Solved = Mapping[str, tuple[PostureProblem, Posture]]
+Solved = Mapping[str, tuple[Problem, Posture]]
 ROWS = (
     ComparisonBar(selector="heuristic", values={"P1 correct feasible": 0.81, "fix-p": 0.58}, paper={"fix-p": 0.6075}),
     ComparisonBar(selector="neural", values={"P1 correct feasible": 0.975, "P1 correct infeasible": 0.92}),
@@ -66,7 +66,7 @@ def ink(rgb: NDArray[np.uint8]) -> float:
     return float(np.mean(np.any(rgb < 250, axis=-1)))
 
 
-def one_limb(**changes: object) -> PostureProblem:
+def one_limb(**changes: object) -> Problem:
     """Return a problem of one limb below the centre of mass, on a square of ground."""
     side = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     values = {"size_m": 0.1, "friction": 0.5, "shoulder_m": np.zeros(3), **changes}
@@ -84,7 +84,7 @@ def one_limb(**changes: object) -> PostureProblem:
         force_min=np.array([0.0, -1.0, -1.0]),
         force_max=np.ones(3),
     )
-    return PostureProblem(contacts=(contact,), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.0)
+    return Problem.posture(contacts=(contact,), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.0)
 
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import StancekitError
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import Report, explain
@@ -33,7 +33,7 @@ class SceneAnswer:
     layout and of the search.
     """
 
-    course: Course | None = None
+    course: Problem | None = None
     status: Status | None = None
     plan: Plan | None = None
     message: str = ""
@@ -75,7 +75,7 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
 
 
 def _answer(
-    outcome: Answer[Plan], asked: Course, seconds: tuple[float, float], *, patient: bool = False
+    outcome: Answer[Plan], asked: Problem, seconds: tuple[float, float], *, patient: bool = False
 ) -> SceneAnswer:
     """The answer that an outcome is. asked: the scene's own course, where the outcome is not of a problem."""
     message, report = outcome.message, outcome.report
@@ -87,7 +87,7 @@ def _answer(
         message = report.message + (f"; {report.failures}" if report.failures else "")
     share = 1.0 if outcome.solution is None else float(outcome.solution.provenance.get("friction_share", 1.0))
     return SceneAnswer(
-        course=outcome.problem if isinstance(outcome.problem, Course) else asked,
+        course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
         status=outcome.status,
         plan=outcome.solution,
         message=message,

@@ -12,7 +12,7 @@ import yaml
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_between import course_between
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
@@ -50,7 +50,7 @@ class BetweenScenario:
                             value=frames, whole=True))  # fmt: skip
         return tuple(found)
 
-    def grips(self, course: Course) -> tuple[Grip, ...]:
+    def grips(self, course: Problem) -> tuple[Grip, ...]:
         """Start and goal, over the ground."""
         return tuple(
             Grip(key=key, label=key, position_m=course.com_nominal_m[k], axes=(True, True, False))
@@ -68,7 +68,7 @@ class BetweenScenario:
         place = round(float(position_m[0]), 4), round(float(position_m[1]), 4)
         return self._with(**{f"{key}_m": place})
 
-    def picked(self, course: Course, patch: int) -> BetweenScenario:
+    def picked(self, course: Problem, patch: int) -> BetweenScenario:
         """Raises InvalidInput: surfaces are those of the file."""
         raise InvalidInput("surface: expected a course of surfaces to pick one of, got a terrain's file")
 
@@ -76,7 +76,7 @@ class BetweenScenario:
         """The same for another robot."""
         return self._with(robot=str(Path(robot).resolve()) if Path(robot).suffix else robot)
 
-    def course(self, sets: Sets = "inner") -> Course:
+    def course(self, sets: Sets = "inner") -> Problem:
         """The course, laid out once. Raises InvalidInput, and PlanningFailed where no way over footholds is found."""
         if "spec" not in self._laid:
             given = None if self.robot == "hexapod" else self.robot
@@ -85,7 +85,7 @@ class BetweenScenario:
             )  # fmt: skip
         if sets not in self._laid:
             self._laid[sets] = build_course(self._laid["spec"], sets=sets)
-        return cast("Course", self._laid[sets])
+        return cast("Problem", self._laid[sets])
 
     def text(self) -> tuple[str, str]:
         """A YAML file with the way that was laid out."""

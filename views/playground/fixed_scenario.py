@@ -10,7 +10,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.robot.contact_robot import Sets
 from stancekit.planners.terrain.patch import Patch
@@ -25,7 +25,7 @@ ON_M = 1e-6
 class FixedScenario:
     """A course as it is laid out; goal, surfaces, friction and mass can be others. chosen: the surface with a grip."""
 
-    laid: Course
+    laid: Problem
     friction: float | None = None
     mass_kg: float | None = None
     chosen: int | None = None
@@ -55,7 +55,7 @@ class FixedScenario:
                                 step=0.01, value=self.laid.terrain[self.chosen].friction))  # fmt: skip
         return tuple(found)
 
-    def grips(self, course: Course) -> tuple[Grip, ...]:
+    def grips(self, course: Problem) -> tuple[Grip, ...]:
         """The goal, and the surface that was picked."""
         found = [Grip(key="goal", label="goal", position_m=self.laid.goal_m)]
         if self.chosen is not None:
@@ -96,7 +96,7 @@ class FixedScenario:
         )
         return replace(self, laid=replace(self.laid, terrain=tuple(terrain), footholds=footholds))
 
-    def picked(self, course: Course, patch: int) -> FixedScenario:
+    def picked(self, course: Problem, patch: int) -> FixedScenario:
         """The same with a grip at this patch."""
         return replace(self, chosen=patch)
 
@@ -104,7 +104,7 @@ class FixedScenario:
         """Raises InvalidInput: footholds are those of one robot."""
         raise InvalidInput(f"robot: expected the robot of a course whose footholds are fixed, got {robot}")
 
-    def course(self, sets: Sets = "inner") -> Course:
+    def course(self, sets: Sets = "inner") -> Problem:
         """The course with its friction and mass. Raises InvalidInput for a mass that is none."""
         found = self.laid
         if self.friction is not None:

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
@@ -123,7 +123,7 @@ class KeysScenario:
                                 step=0.01, value=value))  # fmt: skip
         return tuple(found)
 
-    def grips(self, course: Course) -> tuple[Grip, ...]:
+    def grips(self, course: Problem) -> tuple[Grip, ...]:
         """The goal; the start where nothing is laid out about it; both walls; the surface that was picked."""
         found = [Grip(key="goal", label="goal", position_m=course.goal_m)]
         middle = course.com_nominal_m.mean(axis=0)
@@ -189,7 +189,7 @@ class KeysScenario:
             keys["frames"] = max(keys["frames"], 2)
         return self._with(keys)
 
-    def picked(self, course: Course, patch: int) -> KeysScenario:
+    def picked(self, course: Problem, patch: int) -> KeysScenario:
         """The same with its surfaces as a list of polygons, one of which has a grip."""
         if self.kind == "polygons":
             return self._with(self.keys, chosen=patch)
@@ -202,11 +202,11 @@ class KeysScenario:
         """The same for another robot, which stands and steps as it does."""
         return self._with(*with_robot(self.keys, self.folder, robot))
 
-    def course(self, sets: Sets = "inner") -> Course:
+    def course(self, sets: Sets = "inner") -> Problem:
         """The course, laid out once."""
         if sets not in self._built:
             self._built[sets] = build_course(self.spec, self.folder, sets)
-        return cast("Course", self._built[sets])
+        return cast("Problem", self._built[sets])
 
     @property
     def spec(self) -> CourseSpec:

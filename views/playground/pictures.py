@@ -11,7 +11,7 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
 
 from ..plans import GOAL, PlanView, ghosts
@@ -46,7 +46,7 @@ class Pictures:
         """A plan as something to look at."""
         return PlanView(plan, drawn_as=self.shape(plan.course.robot))
 
-    def ground(self, course: Course) -> Scene:
+    def ground(self, course: Problem) -> Scene:
         """The surfaces about the path, in the tints of their friction."""
         box = bounds_m(course)
         key = (box.tobytes(), *((patch.vertices_m.tobytes(), patch.friction) for patch in course.terrain))
@@ -55,7 +55,7 @@ class Pictures:
             self._ground = (key, surfaces(course.terrain, box, colours))
         return self._ground[1]
 
-    def asked(self, course: Course) -> Scene:
+    def asked(self, course: Problem) -> Scene:
         """Without a plan: where the body was asked to go, from start to goal."""
         com, size = course.com_nominal_m, 0.02 * self.shape(course.robot).size_m
         line = dashed(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(com)] or [com]))
@@ -86,7 +86,7 @@ def _between(scene: Scene) -> Scene:
     return replace(scene, bodies=bodies, paths=paths)
 
 
-def bounds_m(course: Course) -> Array:
+def bounds_m(course: Problem) -> Array:
     """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs reach, in steps."""
     reach = max(limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs)
     around = max(AROUND_M, 1.2 * reach)

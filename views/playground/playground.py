@@ -13,7 +13,7 @@ import numpy as np
 
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.robot.kinematics import Kinematics
 
 from ..plans import PlanView
@@ -66,7 +66,7 @@ class Playground:
 
     # ------------------------------------------------------------------------------------------------- the page
 
-    def _set_up(self, course: Course) -> None:
+    def _set_up(self, course: Problem) -> None:
         """Lights, and from where the scene is seen first."""
         set_up(self._server)
         path, answer = course.com_nominal_m, self._answer
@@ -172,7 +172,7 @@ class Playground:
                 self._summary.content = summary(answer)
             self._server.flush()
 
-    def _show_plan(self, course: Course | None) -> None:
+    def _show_plan(self, course: Problem | None) -> None:
         self._player.offer(self._view is not None)
         if self._view is None:
             self._stage.show(Scene() if course is None else self._pictures.asked(course), "/way")
@@ -195,7 +195,7 @@ class Playground:
         title = where if rests else f"between key frames {int(self._player.at)} and {int(self._player.at) + 1}"
         self._limbs.content = limb_table(loads(view.plan, now, self._legs(view.plan.course)), title)
 
-    def _legs(self, course: Course) -> Kinematics | None:
+    def _legs(self, course: Problem) -> Kinematics | None:
         """The solver for the robot, made once."""
         robot = course.robot
         key = (robot.name, robot.identity, robot.mass_kg, robot.limb_names, course.gravity_m_s2)
@@ -211,7 +211,7 @@ class Playground:
         return self._view is not None
 
 
-def struck(course: Course, origin: Any, direction: Any) -> int | None:
+def struck(course: Problem, origin: Any, direction: Any) -> int | None:
     """The patch that a ray from ``origin``, shape (3,) [m], meets first, whichever of its sides; None for none."""
     start, ray = np.array(origin, dtype=np.float64), np.array(direction, dtype=np.float64)
     best, found = np.inf, None

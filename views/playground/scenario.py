@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.robot.contact_robot import Sets
 
 SURFACE = "surface"
@@ -63,7 +63,7 @@ class Scenario(Protocol):
         """What may be slid."""
         ...
 
-    def grips(self, course: Course) -> tuple[Grip, ...]:
+    def grips(self, course: Problem) -> tuple[Grip, ...]:
         """What may be dragged. course: what ``course`` gave."""
         ...
 
@@ -75,7 +75,7 @@ class Scenario(Protocol):
         """Another place of a grip, shape (3,) [m]."""
         ...
 
-    def picked(self, course: Course, patch: int) -> Scenario:
+    def picked(self, course: Problem, patch: int) -> Scenario:
         """The same with a grip at this patch of the course's terrain."""
         ...
 
@@ -83,7 +83,7 @@ class Scenario(Protocol):
         """The same for another robot, a built-in name or a file."""
         ...
 
-    def course(self, sets: Sets = "inner") -> Course:
+    def course(self, sets: Sets = "inner") -> Problem:
         """The course that is asked for. Raises InvalidInput or PlanningFailed in one line."""
         ...
 

@@ -13,7 +13,7 @@ from stancekit.planners.answer.report import WHOLE_BODY, acceptance_word
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.verify import Report
@@ -91,7 +91,7 @@ def _torques(plan: Plan, now: Samples, solver: Kinematics | None) -> tuple[list[
     return [float(torque[j]) for j in worst], [float(share[j]) for j in worst]
 
 
-def solver_of(course: Course) -> Kinematics | None:
+def solver_of(course: Problem) -> Kinematics | None:
     """The legs of a course's robot; None where they are not known, or pinocchio is not installed."""
     try:
         return Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)

@@ -14,7 +14,7 @@ from stancekit.envs.distributions.stance import PAPER_LEGS, Law, StandingRobot, 
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.robot.contact_robot import standing_toes
 from stancekit.planners.robot.reach import ReachRows
@@ -46,12 +46,12 @@ def dog(folder: Path) -> str:
     return str(folder / "dog.urdf")
 
 
-def drawn(name: str, count: int = 40, **files: str | Path) -> list[PostureProblem]:
+def drawn(name: str, count: int = 40, **files: str | Path) -> list[Problem]:
     source, rng = distribution(name, **files), np.random.default_rng(0)
     return [source.sample(rng) for _ in range(count)]
 
 
-def centres(problem: PostureProblem) -> np.ndarray:
+def centres(problem: Problem) -> np.ndarray:
     return np.array([contact.patch.vertices_m.mean(axis=0) for contact in problem.contacts])
 
 
@@ -84,13 +84,14 @@ def test_on_the_ground_patches_are_about_the_toes_of_the_robot_as_it_stands(dog:
 def test_scenes_carry_the_robots_own_legs_mass_and_name(dog: str) -> None:
     model, own = named_robot(dog), StandingRobot.of(dog).robot
     (problem,) = drawn("wall-3", 1, robot=dog)
-    assert (problem.robot, problem.mass_kg, problem.tilt_limit_rad) == (model.identity, model.body.mass_kg, 0.0)
+    assert problem.robot.identity == model.identity
+    assert (problem.mass_kg, problem.tilt_limit_rad) == (model.body.mass_kg, 0.0)
     for contact, limb in zip(problem.contacts, own.select(problem.legs), strict=True):
         assert contact.reach_rows is not None
         assert limb.reach_rows is not None
         assert contact.reach_rows.to_json() == limb.reach_rows.to_json()
         np.testing.assert_array_equal(contact.shoulder_m, limb.shoulder_m)
-    again = PostureProblem.from_json(problem.to_json())
+    again = Problem.from_json(problem.to_json())
     assert again.to_json() == problem.to_json()
 
 
@@ -198,7 +199,7 @@ def test_a_yaml_file_names_legs_robot_and_terrain(dog: str, folder: Path) -> Non
     (folder / "mine.yaml").write_text(text)
     (problem,) = drawn(str(folder / "mine.yaml"), 1)
     assert problem.legs == ("RF", "LH")
-    assert problem.robot == named_robot(dog).identity
+    assert problem.robot.identity == named_robot(dog).identity
     assert all(0.5 <= contact.patch.friction <= 0.6 for contact in problem.contacts)
 
 

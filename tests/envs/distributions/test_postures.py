@@ -11,7 +11,7 @@ from scipy.stats import kstest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, PostureDistribution, distribution
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.robot import hexapod
 
 SAMPLES = 300
@@ -74,8 +74,8 @@ def test_the_limbs_are_the_robots_in_the_order_of_the_class(samples, name):
 def test_the_body_is_the_robots(samples, name):
     for problem in samples[name]:
         assert (problem.mass_kg, problem.gravity_m_s2, problem.force_scale_n) == (10.0, 9.81, 10.0 * 9.81)
-        assert (problem.length_scale_m, problem.com_radius_m, problem.tilt_limit_rad) == (0.6, 0.08, 0.2618)
-        assert problem.com_nominal_m.tolist() == [0.0, 0.0, 0.0]
+        assert (problem.length_scale_m, problem.com_radius_m.tolist(), problem.tilt_limit_rad) == (0.6, [0.08], 0.2618)
+        assert problem.com_nominal_m.tolist() == [[0.0, 0.0, 0.0]]
         for contact in problem.contacts:
             assert contact.force_min.tolist() == [0.0, -1.0, -1.0]
             assert contact.force_max.tolist() == [1.0, 1.0, 1.0]
@@ -148,7 +148,7 @@ def test_the_same_seed_draws_the_same_problems_and_another_seed_others(name):
 @NAMES
 def test_samples_are_good_files(samples, name):
     for problem in samples[name][:30]:
-        assert PostureProblem.from_json(json.loads(json.dumps(problem.to_json()))).to_json() == problem.to_json()
+        assert Problem.from_json(json.loads(json.dumps(problem.to_json()))).to_json() == problem.to_json()
 
 
 def test_another_robot_keeps_its_own_mass_and_limbs():

@@ -14,7 +14,7 @@ from stancekit.learners.selectors.dual_bounds import BAND, DualBounds, balanced,
 from stancekit.learners.selectors.feasibility import CachingOracle, SolvingOracle, SpreadOracle, VerdictCounts
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import DualBound, RelaxationAnswer
@@ -28,13 +28,13 @@ def drawn(name: str, count: int, seed: int) -> list[Scaled]:
     return [Scaled.of(distribution(name).sample(rng)) for _ in range(count)]
 
 
-def boxed_in(problem: PostureProblem) -> PostureProblem:
+def boxed_in(problem: Problem) -> Problem:
     """The problem with legs that are half-spaces, too: a box about the middle of every patch."""
     normals, contacts = np.vstack([np.eye(3), -np.eye(3)]), []
     for contact in problem.contacts:
         bounds = normals @ contact.patch.vertices_m.mean(axis=0) + 0.05
         contacts.append(replace(contact, reach_rows=ReachRows(normals=normals, bounds_m=bounds)))
-    return replace(problem, contacts=tuple(contacts), tilt_limit_rad=0.02)
+    return problem.posture_with(contacts=tuple(contacts), tilt_limit_rad=0.02)
 
 
 def boxes_about(problems: list[Scaled], kind: str, count: int, spread: float, seed: int) -> list[Envelope]:

@@ -33,7 +33,7 @@ from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.terrain import Patch
@@ -54,22 +54,22 @@ def selector(dataset: Dataset) -> NeuralSelector:
     return fit_neural(dataset, QUICK)
 
 
-def drawn(name: str, count: int, seed: int = 0) -> list[PostureProblem]:
+def drawn(name: str, count: int, seed: int = 0) -> list[Problem]:
     rng = np.random.default_rng(seed)
     return [distribution(name).sample(rng) for _ in range(count)]
 
 
-def tensors_of(problems: list[PostureProblem]) -> SceneTensors:
+def tensors_of(problems: list[Problem]) -> SceneTensors:
     return SceneTensors.of_problems([Scaled.of(problem) for problem in problems])
 
 
-def random_network(problems: list[PostureProblem], seed: int = 0) -> BoxNetwork:
+def random_network(problems: list[Problem], seed: int = 0) -> BoxNetwork:
     torch.manual_seed(seed)
     scenes = tensors_of(problems)
     return BoxNetwork.of_data(SMALL, scenes, torch.randn(len(problems), *scenes.reach.shape[1:], 6))
 
 
-def turned_round(problem: PostureProblem) -> PostureProblem:
+def turned_round(problem: Problem) -> Problem:
     """The problem seen in a mirror across the plane x = 0, written down anew from its patches."""
     x = np.array([-1.0, 1.0, 1.0])
     contacts = []
@@ -88,7 +88,7 @@ def turned_round(problem: PostureProblem) -> PostureProblem:
                 force_min=contact.force_min, force_max=contact.force_max,
             )
         )  # fmt: skip
-    return replace(problem, contacts=tuple(contacts))
+    return problem.posture_with(contacts=tuple(contacts))
 
 
 @pytest.mark.parametrize("name", ["wall-3", "wall-5"])

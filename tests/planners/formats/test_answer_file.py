@@ -23,7 +23,7 @@ from stancekit.planners.formats.answer_file import (
     read_envelopes,
     read_problems,
 )
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.posture import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_posture
@@ -157,7 +157,7 @@ def test_problems_are_read_one_by_one_with_their_errors(drawn):
     text = "\n".join([json.dumps(good), json.dumps(bad), "{", json.dumps(good)])
     found = list(read_problems(text, "f"))
     assert [where for where, _ in found] == ["f line 1", "f line 2", "f line 3", "f line 4"]
-    assert [type(item) for _, item in found] == [PostureProblem, InvalidInput, InvalidInput, PostureProblem]
+    assert [type(item) for _, item in found] == [Problem, InvalidInput, InvalidInput, Problem]
     assert found[0][1].to_json() == good
     assert str(found[1][1]) == "f line 2: mass_kg: expected a number above 0, got -1"
     assert str(found[2][1]).startswith("f line 3: expected JSON, broken at line 1 column 2: ")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course, Foothold, StepLimits, Weights
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
+from stancekit.planners.problem.problem import Foothold, StepLimits, Weights
 from stancekit.planners.robot import Limb, Robot
 from stancekit.planners.terrain import Patch
 
@@ -51,8 +52,10 @@ def courses(draw):
         else Foothold(limb=name, frame=k, candidates=tuple(draw(st.lists(patches(), min_size=1, max_size=3))))
         for k, name in placed
     ]
+    own = {"force_min": -np.abs(draw(POINTS)), "force_max": np.abs(draw(POINTS))}
+    footholds = [replace(put, **own) if draw(st.booleans()) else put for put in footholds]
     most = draw(POSITIVE)
-    return Course(
+    return Problem(
         name=draw(st.text(max_size=5)), robot=Robot(name=draw(NAMES), mass_kg=draw(POSITIVE), limbs=limbs),
         terrain=tuple(draw(st.lists(patches(), max_size=3))), footholds=tuple(footholds), lifts=lifts,
         next_lift=sets[0], com_nominal_m=np.array([draw(POINTS) for _ in range(frames)]),
@@ -60,7 +63,7 @@ def courses(draw):
         steps=StepLimits(com_m=most, toe_m=draw(POSITIVE), rotation_rad=0.1, progress_m=0.3 * most),
         weights=Weights(goal=draw(POSITIVE), com_path=draw(st.sampled_from([0.0, 0.3])), tilt=0.0),
         tilt_limit_rad=draw(st.floats(0.0, 0.5)), gravity_m_s2=draw(POSITIVE), length_scale_m=draw(POSITIVE),
-        force_min=-np.abs(draw(POINTS)), force_max=np.abs(draw(POINTS)),
+        force_min=-np.abs(draw(POINTS)), force_max=np.abs(draw(POINTS)), force_scale_n=draw(st.none() | POSITIVE),
         modes=draw(st.none() | st.lists(st.integers(0, 3), min_size=frames, max_size=frames).map(tuple)),
     )  # fmt: skip
 
@@ -108,7 +111,10 @@ def test_the_built_in_courses_come_back_to_the_last_bit(name):
 
 def test_every_field_of_a_course_is_in_the_file(data):
     written_as = {"footholds": "placements"}  # what files have called them since course/1
-    assert {written_as.get(f.name, f.name) for f in fields(Course)} | {"format"} == set(data)
+    known = {written_as.get(f.name, f.name) for f in fields(Problem)}
+    assert known - {"force_scale_n"} | {"format"} == set(data)  # it is the weight, where files say no other
+    scaled = course_to_json(replace(read_course("walls", frames=2), force_scale_n=50.0))
+    assert known | {"format"} == set(scaled)
 
 
 def test_a_course_file_is_read_by_its_name(written, tmp_path):

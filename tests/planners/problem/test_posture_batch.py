@@ -9,7 +9,7 @@ import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import PostureBatch, PostureProblem
+from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.terrain import Patch
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
@@ -24,7 +24,7 @@ def changed(batch, **parts):
 def test_a_problem_of_a_batch_is_the_validated_one_bit_for_bit(name):
     batch = distribution(name).batch(np.random.default_rng(1), 20)
     for problem in batch.problems:
-        again = PostureProblem.from_json(json.loads(json.dumps(problem.to_json())))
+        again = Problem.from_json(json.loads(json.dumps(problem.to_json())))
         assert again.to_json() == problem.to_json()
         for mine, theirs in zip(problem.contacts, again.contacts, strict=True):
             assert mine.patch.frame.tobytes() == theirs.patch.frame.tobytes()

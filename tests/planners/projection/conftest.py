@@ -10,7 +10,7 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.friction_margin import plan_with_reserve
@@ -27,7 +27,7 @@ goal_m: [0.2, 0.0, 0.45]
 steps: {com_m: 0.12, toe_m: 0.4}
 terrain: {kind: flat, friction: 0.7}
 """
-Start = tuple[PostureProblem, Scaled, Point]
+Start = tuple[Problem, Scaled, Point]
 
 
 @pytest.fixture(scope="session")

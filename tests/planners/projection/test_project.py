@@ -169,7 +169,7 @@ def test_an_scp_that_has_stalled_ends_and_one_that_gets_to_the_surface_is_the_sa
 @pytest.mark.parametrize("projection", PROJECTIONS.names())
 def test_out_of_reach_there_is_no_answer(programs, starts, projection):
     problem, _, start = starts[0]
-    short = replace(problem, contacts=tuple(replace(c, reach_m=0.01) for c in problem.contacts))
+    short = problem.posture_with(contacts=tuple(replace(c, reach_m=0.01) for c in problem.contacts))
     point = project(programs, projection, Scaled.of(short), start)
     if projection.endswith("fix-p"):  # keeps the body and the toes, and so their distance: it asks for forces only
         assert np.isfinite(point.residual)

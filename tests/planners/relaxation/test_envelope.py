@@ -121,7 +121,7 @@ def test_a_set_fits_what_it_was_learned_from_and_patches_a_little_further_over(l
         side = np.cross(normal, [1.0, 0.0, 0.0])
         vertices = contact.patch.centre_m + 0.05 * np.array([side, np.cross(normal, side), -side])
         patch = replace(contact.patch, vertices_m=vertices, normal=normal)
-        return replace(problems[0], contacts=(replace(contact, patch=patch), *problems[0].contacts[1:]))
+        return problems[0].posture_with(contacts=(replace(contact, patch=patch), *problems[0].contacts[1:]))
 
     most = learned.tilt_rad[0] + TILT_ROOM_RAD
     learned.check_fits(leaning(most - 1e-3))
@@ -131,7 +131,7 @@ def test_a_set_fits_what_it_was_learned_from_and_patches_a_little_further_over(l
 
 
 def test_a_set_fits_its_legs_in_its_own_order_only(learned, problems):
-    turned = replace(problems[0], contacts=problems[0].contacts[::-1])
+    turned = problems[0].posture_with(contacts=problems[0].contacts[::-1])
     assert refusal(learned.check_fits, turned) == (
         "contacts: expected legs ['RF', 'RR', 'LM'] for an envelope learned for wall-3, got ['LM', 'RR', 'RF']"
     )

@@ -17,7 +17,7 @@ from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import LiftProgram, solve_lift
 from stancekit.planners.search.cuts import alone
@@ -118,7 +118,7 @@ def around_a_posture(seed):
                 patch=patch, force_min=f - room[0], force_max=f + room[1],
             )
         )  # fmt: skip
-    problem = PostureProblem(
+    problem = Problem.posture(
         contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=com + rng.uniform(-0.01, 0.01, 3), com_radius_m=0.02
     )
     return problem, Posture(com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)

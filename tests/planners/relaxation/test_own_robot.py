@@ -11,8 +11,7 @@ import pytest
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.boxes import boxes_of, mirrored
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick, WithoutMoment
@@ -21,7 +20,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_postures
 
 
-def walled(problem: PostureProblem, shift_m: float = 0.0) -> PostureProblem:
+def walled(problem: Problem, shift_m: float = 0.0) -> Problem:
     """The problem with legs that reach little but their patches' middles, or places beside them, and a name."""
     contacts = []
     for i, contact in enumerate(problem.contacts):
@@ -29,10 +28,10 @@ def walled(problem: PostureProblem, shift_m: float = 0.0) -> PostureProblem:
         middle = contact.patch.vertices_m.mean(axis=0) + np.array([shift_m, 0.0, 0.0])
         bounds = normals @ middle + 0.04 + 0.01 * i
         contacts.append(replace(contact, reach_rows=ReachRows(normals=normals, bounds_m=bounds)))
-    return replace(problem, contacts=tuple(contacts), tilt_limit_rad=0.0, robot="dog-1")
+    return problem.posture_with(contacts=tuple(contacts), tilt_limit_rad=0.0, robot="dog-1")
 
 
-def feasible(drawn, count: int) -> list[tuple[PostureProblem, np.ndarray]]:
+def feasible(drawn, count: int) -> list[tuple[Problem, np.ndarray]]:
     """Problems with half-spaces, and [p, f] of a posture of each."""
     found, planner = [], ExactPlanner()
     for seed in range(60):
@@ -102,23 +101,23 @@ def test_envelopes_of_another_robot_are_refused(learned: EnvelopeSet, drawn) -> 
     learned.check_fits(problem)
     for other, message in (("cat-2", "cat-2"), ("", "the default hexapod")):
         with pytest.raises(InvalidInput) as error:
-            learned.check_fits(replace(problem, robot=other))
+            learned.check_fits(problem.posture_with(robot=other))
         wants = "robot: expected dog-1 for an envelope learned for ground-3-of-dog-1"
         assert str(error.value) == f"{wants}, got {message}"
-    course = Course.of_posture(replace(problem, robot="cat-2"))
+    course = problem.posture_with(robot="cat-2").course()
     with pytest.raises(InvalidInput, match="robot: expected dog-1"):
         boxes_of(course, learned)
 
 
 def test_boxes_of_a_named_robot_are_told_in_the_units_of_the_course(learned: EnvelopeSet, drawn) -> None:
-    course = Course.of_posture(walled(drawn("ground-3", 0)))
+    course = walled(drawn("ground-3", 0)).course()
     (box,) = boxes_of(replace(course, length_scale_m=0.3), learned)
     np.testing.assert_allclose(box.high, [[1.8] * 3 + [0.9] * 3] * 3)
     np.testing.assert_allclose(box.low, -box.high)
 
 
 def test_a_stance_takes_the_set_of_its_own_legs(learned: EnvelopeSet, drawn) -> None:
-    course = Course.of_posture(walled(drawn("ground-3", 0)))
+    course = walled(drawn("ground-3", 0)).course()
     other = replace(learned, legs=tuple(reversed(learned.legs)), problem_class="reversed")
     with pytest.raises(InvalidInput, match="envelopes: expected 1 for doubled, as for ground-3-of-dog-1, got 2"):
         boxes_of(course, [learned, replace(learned, envelopes=learned.envelopes * 2, problem_class="doubled")])
@@ -129,7 +128,7 @@ def test_a_stance_takes_the_set_of_its_own_legs(learned: EnvelopeSet, drawn) -> 
 
 
 def test_legs_that_were_measured_are_mirrored_to_the_nearest(drawn) -> None:
-    course = Course.of_posture(walled(drawn("ground-3", 0)))
+    course = walled(drawn("ground-3", 0)).course()
     limbs = course.robot.limbs
     away = [replace(limb, shoulder_m=limb.shoulder_m + np.array([0.01 * i, 0.0, 0.0])) for i, limb in enumerate(limbs)]
     both = [replace(limb, name=f"{limb.name}'", shoulder_m=limb.shoulder_m * [1.0, -1.0, 1.0]) for limb in limbs]

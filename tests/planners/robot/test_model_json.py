@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot import Robot, hexapod
@@ -41,7 +41,7 @@ SRDF = (
 
 
 @pytest.fixture(scope="module")
-def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
+def course(tmp_path_factory: pytest.TempPathFactory) -> Problem:
     folder = tmp_path_factory.mktemp("course")
     text = quadruped().replace('<box size="0.6 0.25 0.1"/>', '<mesh filename="package://dog/trunk.obj"/>')
     (folder / "dog.urdf").write_text(text)
@@ -58,11 +58,11 @@ def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
 
 
 @pytest.fixture
-def written(course: Course) -> dict[str, Any]:
+def written(course: Problem) -> dict[str, Any]:
     return dict(json.loads(json.dumps(course_to_json(course))))
 
 
-def test_the_model_comes_back_as_it_was_from_the_file_alone(course: Course, written: dict[str, Any]) -> None:
+def test_the_model_comes_back_as_it_was_from_the_file_alone(course: Problem, written: dict[str, Any]) -> None:
     model, read = course.robot.model, course_from_json(written).robot.model
     assert model is not None
     assert read is not None
@@ -176,7 +176,7 @@ def test_a_model_out_of_bounds_is_refused(written: dict[str, Any], key: str, val
     assert message in str(caught.value)
 
 
-def test_limbs_and_mass_are_those_of_the_model(course: Course, written: dict[str, Any]) -> None:
+def test_limbs_and_mass_are_those_of_the_model(course: Problem, written: dict[str, Any]) -> None:
     robot = course.robot
     with pytest.raises(InvalidInput, match=r"^robot dog: expected limbs as its model has .*, RH, LF, RF, got LF, RF$"):
         replace(robot, limbs=robot.limbs[1:])
@@ -188,7 +188,7 @@ def test_limbs_and_mass_are_those_of_the_model(course: Course, written: dict[str
         replace(robot, limbs=(replace(robot.limbs[0], sole_m=sole), *robot.limbs[1:]))
 
 
-def test_a_robot_of_balls_gets_the_legs_that_are_drawn_up_and_another_one_its_own(course: Course) -> None:
+def test_a_robot_of_balls_gets_the_legs_that_are_drawn_up_and_another_one_its_own(course: Problem) -> None:
     robot = hexapod()
     drawn = legged_model(robot)
     assert drawn.digest == named_robot("hexapod").digest

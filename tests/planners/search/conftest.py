@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course, Foothold
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.terrain import Patch
 
 
 @pytest.fixture(scope="session")
-def as_course() -> Callable[..., Course]:
+def as_course() -> Callable[..., Problem]:
     """``as_course(problem, candidates=1, seed=0, spread_m=2e-3)``: a posture problem as a course of one frame.
 
     With more candidates the first is the problem's patch, and the others are it moved at random by up to ``spread_m``.
@@ -23,7 +23,7 @@ def as_course() -> Callable[..., Course]:
     return _as_course
 
 
-def _as_course(problem: PostureProblem, candidates: int = 1, seed: int = 0, spread_m: float = 2e-3) -> Course:
+def _as_course(problem: Problem, candidates: int = 1, seed: int = 0, spread_m: float = 2e-3) -> Problem:
     rng, contacts = np.random.default_rng(seed), problem.contacts
     assert problem.force_scale_n == problem.weight_n  # a course's force scale is the weight
     assert all((c.force_min == contacts[0].force_min).all() for c in contacts)
@@ -36,10 +36,10 @@ def _as_course(problem: PostureProblem, candidates: int = 1, seed: int = 0, spre
     footholds = tuple(
         Foothold(limb=c.leg, frame=0, candidates=tuple(moved(c.patch, r) for r in range(candidates))) for c in contacts
     )
-    return Course(
+    return Problem(
         name="posture", robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs),
         terrain=tuple(patch for put in footholds for patch in put.candidates), footholds=footholds, lifts=((),),
-        com_nominal_m=problem.com_nominal_m[None], com_radius_m=np.array([problem.com_radius_m]),
-        goal_m=problem.com_nominal_m, tilt_limit_rad=problem.tilt_limit_rad, gravity_m_s2=problem.gravity_m_s2,
+        com_nominal_m=problem.com_nominal_m, com_radius_m=problem.com_radius_m,
+        goal_m=problem.com_nominal_m[0], tilt_limit_rad=problem.tilt_limit_rad, gravity_m_s2=problem.gravity_m_s2,
         length_scale_m=problem.length_scale_m, force_min=contacts[0].force_min, force_max=contacts[0].force_max,
     )  # fmt: skip

@@ -11,8 +11,8 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.problem.course import StepLimits
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.problem import StepLimits
 from stancekit.planners.search.decoupled import DecoupledPlanner, Positions
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate, check_plan

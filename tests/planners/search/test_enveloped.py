@@ -59,7 +59,7 @@ def reflected(problem):
         )
         leg = ACROSS[contact.leg]
         contacts.append(replace(contact, leg=leg, shoulder_m=limbs[leg].shoulder_m, patch=image))
-    return replace(problem, contacts=tuple(contacts))
+    return problem.posture_with(contacts=tuple(contacts))
 
 
 def points_of(plan):

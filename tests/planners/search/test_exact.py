@@ -14,7 +14,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.scaled import Scaled, cones_met
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search import cuts
 from stancekit.planners.search.answer import Acceptance
@@ -51,7 +51,7 @@ def rectangle(leg, centre, sides, normal, shear_reference, *, friction, most=1.0
 
 
 def problem_of(*contacts, com=(0.0, 0.0, 0.0), radius=0.0, **rest):
-    return PostureProblem(contacts=contacts, mass_kg=10.0, com_nominal_m=com, com_radius_m=radius, **rest)
+    return Problem.posture(contacts=contacts, mass_kg=10.0, com_nominal_m=com, com_radius_m=radius, **rest)
 
 
 def scene_of(drawn, mixed, scene):
@@ -167,7 +167,7 @@ def test_feet_that_are_all_on_one_side_of_the_com_do_not_pull(programs, friction
 def test_scenes_with_one_foot_on_ice_are_decided(programs, drawn, scene):
     first, *others = drawn(*scene).contacts
     icy = replace(first, patch=replace(first.patch, friction=0.0))
-    outcome = ExactPlanner(programs=programs, max_nodes=100).solve(replace(drawn(*scene), contacts=(icy, *others)))
+    outcome = ExactPlanner(programs=programs, max_nodes=100).solve(drawn(*scene).posture_with(contacts=(icy, *others)))
     assert outcome.status is not Status.UNDECIDED
 
 
@@ -267,8 +267,8 @@ def test_a_corner_given_twice_changes_nothing(planner, drawn):
             replace(c.patch, vertices_m=np.repeat(c.patch.vertices_m, [2, 1, 3], axis=0)) for c in problem.contacts
         ]
         contacts = tuple(replace(c, patch=patch) for c, patch in zip(problem.contacts, patches, strict=True))
-        outcome = planner.solve(replace(problem, contacts=contacts))
-        confirm(replace(problem, contacts=contacts), outcome)
+        outcome = planner.solve(problem.posture_with(contacts=contacts))
+        confirm(problem.posture_with(contacts=contacts), outcome)
         assert outcome.status is planner.solve(problem).status
 
 
@@ -299,7 +299,7 @@ def test_the_answer_does_not_depend_on_the_units(planner, drawn, force_n, length
         contacts = tuple(
             replace(c, force_min=c.force_min * ratio, force_max=c.force_max * ratio) for c in problem.contacts
         )
-        scaled = replace(problem, force_scale_n=force_n, length_scale_m=length_m, contacts=contacts)
+        scaled = problem.posture_with(force_scale_n=force_n, length_scale_m=length_m, contacts=contacts)
         mine, theirs = planner.solve(problem), planner.solve(scaled)
         assert mine.status is theirs.status
         if mine.details["nodes"] == theirs.details["nodes"] == 1:
@@ -319,9 +319,8 @@ def test_a_turned_scene_has_the_same_answer(planner, drawn, mixed, quarters):
 
     for scene in [*NATURAL, *((seed, (3, 4, 5)) for seed in range(4))]:
         problem = scene_of(drawn, mixed, scene)
-        again = replace(
-            problem, contacts=tuple(turned(c) for c in problem.contacts), com_nominal_m=turn @ problem.com_nominal_m
-        )
+        contacts = tuple(turned(c) for c in problem.contacts)
+        again = problem.posture_with(contacts=contacts, com_nominal_m=turn @ problem.com_nominal_m[0])
         mine, theirs = planner.solve(problem), planner.solve(again)
         assert mine.status is theirs.status
         if mine.details["nodes"] == theirs.details["nodes"] == 1:
@@ -333,7 +332,7 @@ def test_huge_scales_in_a_file_buy_no_tolerance(programs, drawn):
     for seed in range(12):
         plain = drawn("wall-3", seed)
         contacts = tuple(replace(c, force_min=c.force_min / 1000, force_max=c.force_max / 1000) for c in plain.contacts)
-        huge = replace(plain, contacts=contacts, force_scale_n=98100.0, length_scale_m=600.0)
+        huge = plain.posture_with(contacts=contacts, force_scale_n=98100.0, length_scale_m=600.0)
         truth = ExactPlanner(programs=programs).solve(plain).status
         infeasible += truth is Status.INFEASIBLE
         said = ExactPlanner(programs=programs, max_nodes=20).solve(huge).status

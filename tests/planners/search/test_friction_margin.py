@@ -8,7 +8,7 @@ import pytest
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.search.answer import TimeLimited
 from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
 
@@ -21,7 +21,7 @@ class Picky:
     def __init__(self, plan: Plan, friction: float) -> None:
         self.plan, self.friction, self.asked = plan, friction, list[float]()
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         friction = course.footholds[0].candidates[0].friction
         self.asked.append(friction)
         if friction < self.friction:
@@ -64,7 +64,7 @@ def test_one_time_limit_is_for_all_shares_together(walk: Callable[..., Plan], mo
         name: str = "slow"
         time_limit_s: float = 10.0
 
-        def solve(self, course: Course) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Plan]:
             given.append((float(course.terrain[0].friction), self.time_limit_s))
             now[0] += self.time_limit_s
             return Answer(status=Status.UNDECIDED, method=self.name)
@@ -89,7 +89,7 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
         def __init__(self) -> None:
             self.asked = list[float]()
 
-        def solve(self, course: Course) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Plan]:
             self.asked.append(float(course.terrain[0].friction))
             now[0] += 4.0
             return Answer(status=Status.UNDECIDED, method=self.name)

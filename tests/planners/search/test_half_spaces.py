@@ -12,8 +12,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.problem import Contact, PostureProblem
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
@@ -33,7 +32,7 @@ def planner(programs):
     return ExactPlanner(programs=programs, max_nodes=60, time_limit_s=5.0)
 
 
-def on_one_foot(ahead_m: float, tilt: float = 0.0) -> PostureProblem:
+def on_one_foot(ahead_m: float, tilt: float = 0.0) -> Problem:
     """One foot on level ground, which has to be below a fixed COM, of a limb whose box begins ``ahead_m`` ahead."""
     square = 0.2 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     patch = Patch(vertices_m=square, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5)
@@ -42,7 +41,7 @@ def on_one_foot(ahead_m: float, tilt: float = 0.0) -> PostureProblem:
         leg="RF", shoulder_m=[0.0, 0.0, -HEIGHT_M], reach_m=BALL_M, patch=patch, force_min=[0.0, -1.0, -1.0],
         force_max=np.ones(3), reach_rows=ReachRows(normals=CUBE, bounds_m=bounds),
     )  # fmt: skip
-    return PostureProblem(
+    return Problem.posture(
         contacts=(contact,), mass_kg=10.0, com_nominal_m=[0.0, 0.0, HEIGHT_M], com_radius_m=0.0, tilt_limit_rad=tilt
     )
 
@@ -81,7 +80,8 @@ def test_a_box_is_its_six_rows_and_what_it_does_not_cut_changes_nothing(planner,
             inside.append(replace(c, reach_rows=near))
             alone.append(replace(c, reach_rows=near, reach_m=3.0 * c.reach_m))
         plain, same, box, no_ball = (
-            planner.solve(replace(problem, contacts=tuple(some))) for some in (problem.contacts, outside, inside, alone)
+            planner.solve(problem.posture_with(contacts=tuple(some)))
+            for some in (problem.contacts, outside, inside, alone)
         )
         assert plain.status is same.status
         assert box.status is no_ball.status
@@ -126,7 +126,7 @@ def test_answers_are_verified_and_no_postures_are_where_proofs_are(planner, prog
     assert found[Status.UNDECIDED] <= (2 if tilt else 0)
 
 
-def worst_row(problem: PostureProblem, posture: Posture) -> float:
+def worst_row(problem: Problem, posture: Posture) -> float:
     """How far a toe is beyond a half-space that was turned with the body, one after the other [m]."""
     turn = np.eye(3) + np.cross(posture.rotation_rad, np.eye(3)).T
     beyond = [
@@ -228,7 +228,7 @@ def test_files_give_half_spaces_back_and_files_without_them_are_as_they_were(dra
     problem = drawn("wall-3", 1)
     assert "reach_rows" not in json.dumps(problem.to_json())
     with_rows = bounded(problem, 1, of=("RF",))
-    again = PostureProblem.from_json(json.loads(json.dumps(with_rows.to_json())))
+    again = Problem.from_json(json.loads(json.dumps(with_rows.to_json())))
     assert again.to_json() == with_rows.to_json()
     assert [contact.reach_rows is None for contact in again.contacts].count(False) == 1
     course = ragged(1)
@@ -241,7 +241,7 @@ def test_a_posture_is_the_same_as_a_course(planner, drawn, bounded, programs):
     decided, courses = 0, TwoStageCoursePlanner(programs=programs, max_nodes=30, time_limit_s=1.0)
     for seed in range(6):
         problem = bounded(replace(drawn("wall-3", seed), tilt_limit_rad=0.05), seed, 0.06)
-        one, other = planner.solve(problem), courses.solve(Course.of_posture(problem))
+        one, other = planner.solve(problem), courses.solve(problem.course())
         if Status.UNDECIDED not in (one.status, other.status):
             assert one.status is other.status
             decided += 1

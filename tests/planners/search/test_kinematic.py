@@ -9,7 +9,7 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.kinematic import KinematicPlanner, Placed
@@ -18,7 +18,7 @@ from stancekit.planners.verify import check_plan
 NEAR_M = 1e-5
 
 
-def part(name: str, frames: int) -> Course:
+def part(name: str, frames: int) -> Problem:
     """The beginning of a scene."""
     whole = read_course(name)
     return replace(
@@ -28,7 +28,7 @@ def part(name: str, frames: int) -> Course:
     )  # fmt: skip
 
 
-def misses(course: Course, placed: Placed) -> dict[str, float]:
+def misses(course: Problem, placed: Placed) -> dict[str, float]:
     """The worst of every kind of constraint, one after the other [m]."""
     names, found = course.robot.limb_names, {"surface": 0.0, "reach": 0.0, "feet": 0.0, "sideways": 0.0}
     for put, toe, chosen in zip(course.footholds, placed.toes_m, placed.choice, strict=True):

@@ -61,7 +61,7 @@ def test_patches_may_have_different_numbers_of_vertices(scenes):
     first, *rest = problem.contacts
     a, b, c = first.patch.vertices_m
     square = replace(first.patch, vertices_m=np.array([a, 0.5 * (a + b), b, c]))
-    same = replace(problem, contacts=(replace(first, patch=square), *rest))
+    same = problem.posture_with(contacts=(replace(first, patch=square), *rest))
     assert NlpPlanner().solve(same).status is Status.FEASIBLE
 
 
@@ -79,7 +79,7 @@ def test_ice_on_level_ground_is_no_obstacle(drawn):
         )
         for contact in problem.contacts
     )
-    problem = replace(problem, contacts=level)
+    problem = problem.posture_with(contacts=level)
     assert ExactPlanner().solve(problem).status is Status.FEASIBLE
     assert NlpPlanner().solve(problem).status is Status.FEASIBLE
 

@@ -15,7 +15,7 @@ import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import TimeEnded
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
@@ -82,7 +82,7 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
     high: Callable[[float], Path], laid_out: bool
 ) -> None:
     path = high(0.66)
-    question: Course | Callable[[Sets], Course] = lambda sets: read_course(path, sets=sets)  # noqa: E731
+    question: Problem | Callable[[Sets], Problem] = lambda sets: read_course(path, sets=sets)  # noqa: E731
     outcome = plan_course(read_course(path) if laid_out else question, TwoStageCoursePlanner())
     assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, "outer")
     assert outcome.certificate is not None
@@ -107,11 +107,11 @@ def test_replanning_a_window_proves_over_outer_sets_too(high: Callable[[float], 
 def test_the_library_and_a_loaded_course_say_the_same_as_the_function(high: Callable[[float], Path]) -> None:
     for height_m, status in ((0.58, Status.UNDECIDED), (0.66, Status.INFEASIBLE)):
         path = high(height_m)
-        assert stancekit.plan(path).status is stancekit.plan(stancekit.load(path, Course)).status is status
+        assert stancekit.plan(path).status is stancekit.plan(stancekit.load(path, Problem)).status is status
 
 
 def test_built_in_courses_are_loaded_by_name_and_explained() -> None:
-    course = stancekit.load("walls", Course)
+    course = stancekit.load("walls", Problem)
     slick = replace(course, footholds=tuple(
         replace(put, candidates=tuple(patch.with_friction(0.05) for patch in put.candidates))
         for put in course.footholds
@@ -131,7 +131,7 @@ class Walked:
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
 
-    def solve(self, course: Course) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Plan]:
         return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, course=course))
 
 
@@ -154,7 +154,7 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
     class Slow(Walked):
         """One whose search takes all of the time."""
 
-        def solve(self, course: Course) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Plan]:
             now[0] += 30.0
             return super().solve(course)
 
@@ -188,7 +188,7 @@ def test_a_claim_of_a_planner_from_elsewhere_is_not_believed(climb: Plan) -> Non
     class Liar(Walked):
         """One whose robot floats."""
 
-        def solve(self, course: Course) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Plan]:
             plan = replace(self.plan, course=course, forces_n=0.0 * self.plan.forces_n)
             return Answer(status=Status.FEASIBLE, method=self.name, solution=plan)
 

@@ -250,7 +250,8 @@ def test_planners_are_made_by_name(learned):
     )
     assert refusal(make_planner, "p1") == "envelopes: expected an envelope for the relaxation p1, got none"
     assert make_planner("exact", PlannerOptions(of="postures", time_limit_s=0.5)).time_limit_s == 0.5
-    assert refusal(make_planner, "micp", envelopes=learned, of="postures") == "envelopes: expected one envelope for micp, got 2"
+    said = "envelopes: expected one envelope for micp, got 2"
+    assert refusal(make_planner, "micp", envelopes=learned, of="postures") == said
 
 
 def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):

@@ -10,7 +10,7 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot.reach import ReachRows, RelativeReach
 from stancekit.planners.search.decoupled import DecoupledPlanner
@@ -21,7 +21,7 @@ from stancekit.planners.verify import check_certificate, check_plan
 SEEDS = range(8)
 
 
-def farthest(course: Course, toes_m: np.ndarray) -> float:
+def farthest(course: Problem, toes_m: np.ndarray) -> float:
     """How far a foot that moved is beyond a half-space, one after the other [m]."""
     names, worst = course.robot.limb_names, -np.inf
     for frame, lifted in enumerate(course.lifts):

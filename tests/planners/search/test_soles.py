@@ -16,10 +16,10 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import answer_from_json
 from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
-from stancekit.planners.problem import Contact, PostureProblem
-from stancekit.planners.problem.course import Course, Foothold
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
+from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.projection.project import PROJECTIONS, SURFACE, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick
@@ -83,14 +83,14 @@ def ground(size_m: float = 1.0) -> Patch:
     return Patch(vertices_m=square, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5)
 
 
-def on_one_sole(away_m: float, direction: float, yaw: float = 0.0, sole=SOLE) -> PostureProblem:
+def on_one_sole(away_m: float, direction: float, yaw: float = 0.0, sole=SOLE) -> Problem:
     """A sole whose centre is held at the origin, and a fixed COM above a point so far away in that direction."""
     com = np.array([away_m * np.cos(direction), away_m * np.sin(direction), HEIGHT_M])
     contact = Contact(
         leg="RF", shoulder_m=-com, reach_m=BALL_M, patch=ground(), force_min=[0.0, -1.0, -1.0], force_max=np.ones(3),
         sole_m=sole, yaw_rad=yaw,
     )  # fmt: skip
-    return PostureProblem(contacts=(contact,), mass_kg=50.0, com_nominal_m=com, com_radius_m=0.0, tilt_limit_rad=0.0)
+    return Problem.posture(contacts=(contact,), mass_kg=50.0, com_nominal_m=com, com_radius_m=0.0, tilt_limit_rad=0.0)
 
 
 @pytest.mark.parametrize(("direction", "yaw"), [(0.0, 0.0), (0.5 * np.pi, 0.0), (0.0, 0.5 * np.pi), (2.0, 0.7)])
@@ -118,7 +118,7 @@ def test_forces_at_the_points_are_in_their_cones_and_add_up(planner):
     assert np.all(np.hypot(each[:, 1], each[:, 2]) <= patch.friction * each[:, 0] + 1e-5)
     np.testing.assert_allclose(posture.point_forces_n.sum(axis=1), posture.forces_n, atol=1e-9)
     pressure = each[:, 0] @ posture.points_m[0] / each[:, 0].sum()
-    np.testing.assert_allclose(pressure[:2], problem.com_nominal_m[:2], atol=1e-5)
+    np.testing.assert_allclose(pressure[:2], problem.com_nominal_m[0, :2], atol=1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -143,11 +143,11 @@ def test_soles_that_are_bent_stretched_turned_or_moved_are_refused(stood):
         assert not report.accepted
         assert max(report.groups, key=lambda group: group.worst).name == "patch"
         assert check_postures([problem], [forged(posture, points_m=wrong)])[0] > 1e-4
-    yawed = replace(problem, contacts=(replace(problem.contacts[0], yaw_rad=0.25),))
+    yawed = problem.posture_with(contacts=(replace(problem.contacts[0], yaw_rad=0.25),))
     assert not check_posture(yawed, posture).accepted
     small = replace(ground(), vertices_m=ground().vertices_m * [0.09, 1.0, 1.0])
     with pytest.raises(InvalidInput, match=r"contacts\[0\].sole_m: expected room for a sole on the patch"):
-        replace(problem, contacts=(replace(problem.contacts[0], patch=small),))
+        problem.posture_with(contacts=(replace(problem.contacts[0], patch=small),))
 
 
 def test_forces_that_do_not_add_up_and_arrays_that_lack_are_refused(stood):
@@ -171,7 +171,7 @@ def test_points_of_feet_that_have_none_are_refused_alone_and_in_a_batch(stood, w
     problem, posture = stood
     point = on_one_sole(0.0, 0.0, sole=None)
     held = Posture(
-        com_m=point.com_nominal_m, rotation_rad=np.zeros(3), toes_m=np.zeros((1, 3)),
+        com_m=point.com_nominal_m[0], rotation_rad=np.zeros(3), toes_m=np.zeros((1, 3)),
         forces_n=[[0.0, 0.0, point.weight_n]],
     )  # fmt: skip
     floating = replace(held, forces_n=np.zeros((1, 3)))
@@ -226,7 +226,7 @@ def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
 
 def test_answers_and_problems_come_back_from_their_files(stood):
     problem, posture = stood
-    again = PostureProblem.from_json(json.loads(json.dumps(problem.to_json())))
+    again = Problem.from_json(json.loads(json.dumps(problem.to_json())))
     assert again.to_json() == problem.to_json()
     assert check_posture(again, answer_from_json(json.loads(json.dumps(posture.to_json())))).accepted
     assert "sole_m" not in json.dumps(on_one_sole(0.01, 0.0, sole=None).to_json())
@@ -258,7 +258,7 @@ def test_a_sole_holds_whatever_a_point_foot_at_its_centre_holds(planner, soled, 
         problem = soled(drawn("wall-3", seed), seed)
         soles = tuple(replace(contact, **wide) for contact in problem.contacts)
         points = tuple(replace(c, sole_m=None, patch=c.region, **wide) for c in problem.contacts)
-        one, other = (planner.solve(replace(problem, contacts=some)).status for some in (soles, points))
+        one, other = (planner.solve(problem.posture_with(contacts=some)).status for some in (soles, points))
         assert one is Status.FEASIBLE or other is not Status.FEASIBLE
         assert one is not Status.INFEASIBLE or other is Status.INFEASIBLE
         feasible, refuted = feasible + (other is Status.FEASIBLE), refuted + (one is Status.INFEASIBLE)
@@ -303,14 +303,14 @@ def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_co
         assert not any(check_certificate(proof.of(course)).accepted for proof in proofs)
 
 
-def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Course:
+def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Problem:
     """One foot of a robot that has to lean to its side, at one of two yaws, as a course of one frame."""
     problem = on_one_sole(com_y, 0.5 * np.pi)
     limb = Limb(name="RF", shoulder_m=problem.contacts[0].shoulder_m, reach_m=BALL_M, sole_m=SOLE)
-    return Course(
+    return Problem(
         name="lean", robot=Robot(name="monopod", mass_kg=50.0, limbs=(limb,)), terrain=(ground(),),
         footholds=(Foothold(limb="RF", frame=0, candidates=(ground(),) * len(yaws), yaws_rad=yaws),), lifts=((),),
-        com_nominal_m=problem.com_nominal_m[None], com_radius_m=np.zeros(1), goal_m=problem.com_nominal_m,
+        com_nominal_m=problem.com_nominal_m, com_radius_m=np.zeros(1), goal_m=problem.com_nominal_m[0],
         tilt_limit_rad=0.0,
     )  # fmt: skip
 

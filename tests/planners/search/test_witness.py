@@ -126,7 +126,7 @@ def test_forces_stay_in_boxes_that_cut_the_cones(low):
         replace(c, force_min=np.array([low, -0.14, -0.14]), force_max=np.array([0.5, 0.14, 0.14]))
         for c in batch.like.contacts
     )
-    narrow = replace(batch, like=replace(batch.like, contacts=contacts))
+    narrow = replace(batch, like=batch.like.posture_with(contacts=contacts))
     found = canonical(narrow)
     assert 10 < len(found) < len(canonical(batch))
     for k, (posture, _) in found.items():
@@ -139,7 +139,7 @@ def test_forces_stay_in_boxes_that_cut_the_cones(low):
 @pytest.mark.parametrize("read_only", ["tilt_limit_rad", "com_radius_m"])
 def test_a_body_that_may_not_move_has_no_middle_and_is_left_to_the_search(read_only, programs):
     batch = batch_of("ground-3", 20)
-    stiff = replace(batch, like=replace(batch.like, **{read_only: 0.0}))
+    stiff = replace(batch, like=batch.like.posture_with(**{read_only: 0.0}))
     assert canonical(stiff) == {}
     answers = solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf), stiff)
     assert sum(answer.status is Status.FEASIBLE for answer in answers) > 10

@@ -13,7 +13,8 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.proof_file import check_proof_file, read_proof, write_proof
-from stancekit.planners.problem.course import Course, Foothold
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_certificate, check_certificates, explain
@@ -42,11 +43,11 @@ def refuted():
 def as_course(problem):
     """A posture problem as a course of one frame."""
     limbs = tuple(Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m) for c in problem.contacts)
-    return Course(
+    return Problem(
         name="posture", robot=Robot(name="robot", mass_kg=problem.mass_kg, limbs=limbs),
-        terrain=tuple(c.patch for c in problem.contacts), lifts=((),), com_nominal_m=[problem.com_nominal_m],
+        terrain=tuple(c.patch for c in problem.contacts), lifts=((),), com_nominal_m=problem.com_nominal_m,
         footholds=tuple(Foothold(limb=c.leg, frame=0, candidates=(c.patch,)) for c in problem.contacts),
-        com_radius_m=[problem.com_radius_m], goal_m=np.zeros(3), tilt_limit_rad=problem.tilt_limit_rad,
+        com_radius_m=problem.com_radius_m, goal_m=np.zeros(3), tilt_limit_rad=problem.tilt_limit_rad,
         gravity_m_s2=problem.gravity_m_s2, length_scale_m=problem.length_scale_m,
         force_min=problem.contacts[0].force_min, force_max=problem.contacts[0].force_max,
     )  # fmt: skip

@@ -70,8 +70,7 @@ def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed,
                 for name in ("com_m", "rotation_rad")
             }
             forces = (1 - t) * plan.forces_n[rows[0]] + t * plan.forces_n[rows[1]]
-            problem = replace(
-                course.posture_problem(course.stances[rows[0]], plan.choice),
+            problem = course.posture_problem(course.stances[rows[0]], plan.choice).posture_with(
                 com_nominal_m=(1 - t) * course.com_nominal_m[k] + t * course.com_nominal_m[k + 1],
                 com_radius_m=(1 - t) * course.com_radius_m[k] + t * course.com_radius_m[k + 1],
             )

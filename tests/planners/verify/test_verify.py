@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.posture import Posture
-from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain, geometry
 from stancekit.planners.verify.geometry import cut, sag, triangle_distances
@@ -55,7 +55,7 @@ def wall(leg, side, *, friction=0.6, most=1.0, y=0.4, reach=0.35):
 
 
 def problem_of(*contacts, com=(0.0, 0.0, 0.0), radius=0.08, **rest):
-    return PostureProblem(contacts=contacts, mass_kg=10.0, com_nominal_m=com, com_radius_m=radius, **rest)
+    return Problem.posture(contacts=contacts, mass_kg=10.0, com_nominal_m=com, com_radius_m=radius, **rest)
 
 
 def standing(*, com=(0, 0, 0), rotation=(0, 0, 0), toe=(0, 0, -0.2), force=(0, 0, WEIGHT_N)):
@@ -160,7 +160,7 @@ def test_every_group_agrees_with_a_slow_reference_at_random_postures(seed):
         worst = {name: max(value, found[name]) for name, value in worst.items()}
     worst["force_balance"], worst["moment_balance"] = np.linalg.norm(net), np.linalg.norm(moment)
     worst["tilt"] = max(0.0, np.abs(posture.rotation_rad).max() - problem.tilt_limit_rad)
-    worst["com"] = max(0.0, np.linalg.norm(posture.com_m - problem.com_nominal_m) - problem.com_radius_m)
+    worst["com"] = max(0.0, np.linalg.norm(posture.com_m - problem.com_nominal_m[0]) - problem.com_radius_m[0])
     assert got == pytest.approx(worst, abs=1e-7)
 
 
@@ -237,9 +237,9 @@ def test_the_digest_is_that_of_the_canonical_json_and_changes_with_anything():
     content = {"problem": problem.to_json(), "posture": posture.to_json(), "tolerance": 1e-6, "accepted": True}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     assert report.digest == hashlib.sha256(text.encode()).hexdigest()
-    assert report.digest == check_posture(PostureProblem.from_json(problem.to_json()), standing()).digest
+    assert report.digest == check_posture(Problem.from_json(problem.to_json()), standing()).digest
     others = [
-        check_posture(replace(problem, mass_kg=np.nextafter(10.0, 11.0)), posture),
+        check_posture(problem.posture_with(mass_kg=np.nextafter(10.0, 11.0)), posture),
         check_posture(problem, standing(com=(5e-324, 0, 0))),
         check_posture(problem, posture, tolerance=2e-6),
         check_posture(problem_of(ground(friction=0.61)), posture),
@@ -422,7 +422,7 @@ def lift_certificate(problem):
     """The root relaxation by cvxpy, sharing nothing with the planners: its least moment residual and its duals."""
     length, w = problem.length_scale_m, problem.weight_n / problem.force_scale_n
     com, theta, left = cp.Variable(3), cp.Variable(3), cp.Variable(3)
-    rows = [cp.norm(com - problem.com_nominal_m / length) <= problem.com_radius_m / length]
+    rows = [cp.norm(com - problem.com_nominal_m[0] / length) <= problem.com_radius_m[0] / length]
     rows.append(cp.abs(theta) <= problem.tilt_limit_rad)
     force, moment, reach = 0, 0, []
     for contact in problem.contacts:
@@ -533,7 +533,7 @@ def changed(problem, relaxation, by):
     """The problem with one parameter grown by ``by`` (SI)."""
     name = relaxation.parameter
     if name == "com_radius":
-        return replace(problem, com_radius_m=problem.com_radius_m + by)
+        return problem.posture_with(com_radius_m=float(problem.com_radius_m[0]) + by)
     if name == "tilt_limit":
         return replace(problem, tilt_limit_rad=problem.tilt_limit_rad + by)
     contacts = []
@@ -546,7 +546,7 @@ def changed(problem, relaxation, by):
             else:
                 contact = replace(contact, force_max=contact.force_max + np.array([by / problem.force_scale_n, 0, 0]))
         contacts.append(contact)
-    return replace(problem, contacts=tuple(contacts))
+    return problem.posture_with(contacts=tuple(contacts))
 
 
 def feasible(rng):
@@ -578,7 +578,7 @@ def feasible(rng):
         if max(contact.patch.friction for contact in contacts) < 3:
             limits = {"com_nominal_m": com + np.array([0.08, 0, 0]), "tilt_limit_rad": np.abs(rotation).max()}
             posture = Posture(com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)
-            return replace(problem, contacts=tuple(contacts), **limits), posture
+            return problem.posture_with(contacts=tuple(contacts), **limits), posture
 
 
 def slipperier(problem, share):
@@ -587,7 +587,7 @@ def slipperier(problem, share):
         replace(c, reach_m=c.reach_m + 0.1, patch=replace(c.patch, friction=share * c.patch.friction))
         for c in problem.contacts
     ]
-    return replace(problem, contacts=tuple(contacts))
+    return problem.posture_with(contacts=tuple(contacts))
 
 
 def test_no_certificate_refutes_a_problem_that_has_a_posture(refuted):

@@ -1,0 +1,536 @@
+"""A problem: what a robot is asked, at one key frame or over several (E1-E11), with the candidate patches of every toe.
+
+A *foothold* is one toe put down, by a limb, at a key frame, on one of its candidate patches; it stays until the limb's
+next foothold. A *stance* is a set of limbs that must carry the robot alone at a key frame. Between two key frames the
+limbs of the schedule lift; the others must hold the robot both before and after the body has moved. Since their toes
+stay and the balances are linear in (c, f) once toes are held, two such stances hold everywhere between them.
+
+A *posture problem* is a problem of one frame and one stance without an objective: can the robot hold still on these
+patches, and how? A *course* has an objective, and usually several frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cached import cached_property
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, checked_int, checked_members, collect_errors, locked, read_only
+from ..files.validation import shown
+from ..physics import GRAVITY_M_S2
+from ..robot.model import Limb, Robot
+from ..terrain.patch import Patch
+from ..terrain.sole import sole_offsets, sole_region
+from .contact import Contact
+from .foothold import Foothold as Foothold
+from .foothold import Stance as Stance
+from .limits import StepLimits as StepLimits
+from .limits import Weights as Weights
+from .posture import BODY, TILT_LIMIT_RAD, checked_body, posture_from_json, posture_to_json
+
+Value = TypeVar("Value")
+MOST_FRAMES = 200
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """M key frames of one robot over one terrain, M ≥ 1. Usually laid out from YAML: ``load("my-course.yaml")``; or of
+    one frame, ``Problem.posture(contacts, ...)``.
+
+    Arguments:
+        name: of the problem.
+        robot: whose limbs are placed.
+        terrain: every surface there is; footholds have to be pieces of it, or no plan on them is accepted.
+        footholds: toes put down, in order of frame, then limb; every limb has one at frame 0.
+        lifts: the limbs that move between frame k − 1 and k, a tuple a frame, the first empty.
+        next_lift: the limbs that would move after the last frame; what they leave behind must hold there, too.
+        com_nominal_m: shape (M, 3) [m].
+        com_radius_m: how far the COM may be from it, shape (M,) [m].
+        goal_m: where the last COM should be, shape (3,) [m].
+        steps: largest steps between neighbouring frames.
+        weights: of the objective; None where any answer will do.
+        tilt_limit_rad: largest component of Θ, within which the rotation is linearised [rad].
+        gravity_m_s2: g [m/s²].
+        length_scale_m: unit of non-dimensional lengths (E4) [m].
+        force_scale_n: unit of non-dimensional forces (E3) [N]; the weight where None.
+        force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the force scale, shape (3,), where
+            a foothold has none of its own.
+        modes: mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,): for reports only.
+    Raises:
+        InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers out of range.
+    Source:
+        Paper E §II and §IV-B, E1-E11.
+    Example:
+        >>> import stancekit
+        >>> course = stancekit.plan("walls", frames=4).solution.course
+        >>> course.frames, len(course.stances), course.robot.name
+        (4, 7, 'hexapod')
+        >>> problem = stancekit.sample("wall-3", rng=0)[0]
+        >>> problem.frames, problem.legs, round(problem.weight_n, 1)
+        (1, ('RF', 'RR', 'LM'), 98.1)
+        >>> stancekit.Problem.from_json(problem.to_json()).to_json() == problem.to_json()
+        True
+    """
+
+    name: str
+    robot: Robot
+    terrain: tuple[Patch, ...]
+    footholds: tuple[Foothold, ...]
+    lifts: tuple[tuple[str, ...], ...]
+    next_lift: tuple[str, ...] = ()
+    com_nominal_m: Array
+    com_radius_m: Array
+    goal_m: Array
+    steps: StepLimits = field(default_factory=StepLimits)
+    weights: Weights | None = field(default_factory=Weights)
+    tilt_limit_rad: float = TILT_LIMIT_RAD
+    gravity_m_s2: float = GRAVITY_M_S2
+    length_scale_m: float = 0.6
+    force_scale_n: float | None = None
+    force_min: Array = field(default_factory=lambda: np.array([0.0, -1.0, -1.0]))
+    force_max: Array = field(default_factory=lambda: np.ones(3))
+    modes: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        collect_errors(
+            lambda: put(self, "name", _text(self.name, "name")),
+            lambda: checked_members((self.robot,), Robot, "robot"),
+            lambda: put(self, "terrain", checked_members(self.terrain, Patch, "terrain")),
+            lambda: put(self, "footholds", checked_members(self.footholds, Foothold, "placements")),
+            lambda: put(self, "lifts", _limb_sets(self.lifts)),
+            lambda: put(self, "next_lift", checked_members(self.next_lift, str, "next_lift")),
+            lambda: checked_members((self.steps,), StepLimits, "steps"),
+            lambda: self.weights is None or checked_members((self.weights,), Weights, "weights"),
+            lambda: self.modes is None or put(self, "modes", _modes(self.modes)),
+        )
+        frames = len(self.lifts)
+        tilted = 0.5 * np.pi if self.weights is None else 0.5
+        if not 1 <= frames <= MOST_FRAMES:
+            raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames}")
+        collect_errors(
+            lambda: put(self, "com_nominal_m", read_only(self.com_nominal_m, (frames, 3), "com_nominal_m")),
+            lambda: put(self, "com_radius_m", read_only(self.com_radius_m, (frames,), "com_radius_m")),
+            lambda: put(self, "goal_m", read_only(self.goal_m, (3,), "goal_m")),
+            lambda: put(self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=tilted)),
+            lambda: put(self, "gravity_m_s2", checked(self.gravity_m_s2, "gravity_m_s2", above=0.0)),
+            lambda: put(self, "length_scale_m", checked(self.length_scale_m, "length_scale_m", above=0.0)),
+            lambda: put(self, "force_min", read_only(self.force_min, (3,), "force_min")),
+            lambda: put(self, "force_max", read_only(self.force_max, (3,), "force_max")),
+            self._check_schedule,
+        )
+        if self.force_scale_n is None:
+            put(self, "force_scale_n", self.weight_n)
+        put(self, "force_scale_n", checked(self.force_scale_n, "force_scale_n", above=0.0))
+        if np.any(self.com_radius_m < 0.0):
+            raise InvalidInput(f"com_radius_m: expected no negative radius, got {self.com_radius_m.min():g}")
+        _check_bounds(self.force_min, self.force_max, "")
+        for index, put_down in enumerate(self.footholds) if frames > 1 else ():  # of one frame, nobody is in the air
+            if put_down.force_min is not None and put_down.force_max is not None:
+                _check_bounds(put_down.force_min, put_down.force_max, f"placements[{index}]: ")
+        if self.weights is None:
+            self._check_posture()
+        _ = self.holds  # every limb stands on something from the first frame on
+        _ = self.regions
+
+    @classmethod
+    def posture(
+        cls,
+        contacts: Sequence[Contact],
+        *,
+        mass_kg: float,
+        com_nominal_m: Array | Sequence[float],
+        com_radius_m: float,
+        gravity_m_s2: float = GRAVITY_M_S2,
+        force_scale_n: float | None = None,
+        length_scale_m: float = 0.6,
+        tilt_limit_rad: float = TILT_LIMIT_RAD,
+        robot: str = "",
+    ) -> Problem:
+        """Can the robot hold still with these limbs on these patches, and how? One frame, without an objective.
+
+        Unknown are the centre of mass c, a small body rotation Θ, a toe on every patch and a force at every toe.
+
+        Arguments:
+            contacts: one or more, each of another limb.
+            mass_kg: of the robot [kg].
+            com_nominal_m: where the centre of mass should be, shape (3,) [m].
+            com_radius_m: how far from there it may be [m].
+            gravity_m_s2, force_scale_n, length_scale_m, tilt_limit_rad: as of ``Problem``.
+            robot: identity of the model that the limbs are of, see ``Robot``; empty where there is none.
+        Raises:
+            InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
+        """
+        contacts = checked_members(contacts, Contact, "contacts")
+        if not contacts:
+            raise InvalidInput("contacts: expected one or more, got none")
+        legs = [contact.leg for contact in contacts]
+        if len(set(legs)) != len(legs):
+            raise InvalidInput(f"contacts: expected every leg once, got {legs}")
+        for index, contact in enumerate(contacts):
+            if contact.sole_m is not None:
+                try:
+                    _ = contact.region
+                except InvalidInput as error:
+                    raise InvalidInput(f"contacts[{index}].sole_m: {error}") from None
+        body = checked_body(
+            mass_kg=mass_kg, gravity_m_s2=gravity_m_s2, force_scale_n=force_scale_n, length_scale_m=length_scale_m,
+            com_nominal_m=com_nominal_m, com_radius_m=com_radius_m, tilt_limit_rad=tilt_limit_rad,
+        )  # fmt: skip
+        return _posture(contacts, robot, **body)
+
+    def posture_with(self, **changes: Any) -> Problem:
+        """The posture problem with other arguments of ``Problem.posture``. Raises InvalidInput likewise."""
+        same: dict[str, Any] = {name: getattr(self, name) for name in BODY}
+        same |= {"com_nominal_m": self.com_nominal_m[0], "com_radius_m": float(self.com_radius_m[0])}
+        return Problem.posture(**{"contacts": self.contacts, "robot": self.robot.identity, **same, **changes})
+
+    def course(self, name: str = "posture") -> Problem:
+        """A posture problem as a course of one frame, any plan of which is as good as another.
+
+        It is in units of the weight, as files of courses are.
+        """
+        scale = self.force_n / self.weight_n
+        low, high = (scale * bounds for bounds in self.force_bounds)
+        footholds = self.footholds
+        if max(np.ptp(low, axis=0).max(), np.ptp(high, axis=0).max()) > 0.0:
+            footholds = tuple(
+                replace(put, force_min=least, force_max=most)
+                for put, least, most in zip(footholds, low, high, strict=True)
+            )
+            low, high = low * 0.0 + [0.0, -1.0, -1.0], high * 0.0 + 1.0
+        else:
+            footholds = tuple(replace(put, force_min=None, force_max=None) for put in footholds)
+        nothing = Weights(goal=0.0, com_step=0.0, toe_step=0.0, tilt=0.0)
+        return replace(
+            self, name=name, footholds=footholds, force_scale_n=None, force_min=low[0], force_max=high[0],
+            weights=nothing,
+        )  # fmt: skip
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the problem in its JSON form, ``stancekit/posture/1`` or ``stancekit/course/1``.
+
+        ``from_json`` gives it back to the last bit.
+        """
+        if self.is_posture:
+            return posture_to_json(self)
+        from .course_json import course_to_json  # of courses alone
+
+        return course_to_json(self)
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any], *, robot: Robot | None = None) -> Problem:
+        """Read the JSON form of a problem.
+
+        robot: of a posture problem, whose limbs the legs must be; None for the robot that it names, or the hexapod.
+        Raises InvalidInput whose message lists every key that is wrong, separated by "; ".
+        """
+        from .course_json import FORMAT, course_from_json  # of courses alone
+
+        if isinstance(data, Mapping) and data.get("format") == FORMAT:
+            return course_from_json(data)
+        return posture_from_json(data, robot=robot)
+
+    @property
+    def is_posture(self) -> bool:
+        """Whether it is a posture problem: of one frame and one stance, and without an objective.
+
+        Its solution is a ``Posture``, a certificate of it has to leave room, and planners decide it in place of looking
+        for the best plan.
+        """
+        return self.weights is None
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The limbs of a posture problem, each on its patch. Raises InvalidInput for other problems."""
+        if not self.is_posture:
+            raise InvalidInput(f"contacts: expected a posture problem, got a course of {self.frames} frames")
+        return self._contacts(self.stances[0], [0] * len(self.footholds))
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """Names of the limbs, in the robot's order."""
+        return self.robot.limb_names
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the robot [kg]."""
+        return self.robot.mass_kg
+
+    @property
+    def moment_scale_nm(self) -> float:
+        """Unit of the non-dimensional moment: force scale times length scale [Nm]."""
+        return self.force_n * self.length_scale_m
+
+    @property
+    def aim(self) -> Weights:
+        """The weights of the objective. Raises InvalidInput where there is none."""
+        if self.weights is None:
+            raise InvalidInput("weights: expected a course with an objective, got a posture problem")
+        return self.weights
+
+    @property
+    def force_n(self) -> float:
+        """Unit of the non-dimensional force: the force scale, the weight where nobody says another [N]."""
+        assert self.force_scale_n is not None
+        return self.force_scale_n
+
+    @cached_property
+    def common_bounds(self) -> tuple[Array, Array]:
+        """The forces (f_n, f_y, f_z) that every foothold admits, least and largest, in units of the weight, (3,)."""
+        low, high = self.force_bounds
+        share = self.force_n / self.weight_n
+        return share * low.max(axis=0), share * high.min(axis=0)
+
+    @cached_property
+    def force_bounds(self) -> tuple[Array, Array]:
+        """Least and largest (f_n, f_y, f_z) on every foothold, in units of the force scale, shape (P, 3) each."""
+        low = [self.force_min if put.force_min is None else put.force_min for put in self.footholds]
+        high = [self.force_max if put.force_max is None else put.force_max for put in self.footholds]
+        return np.array(low), np.array(high)
+
+    @property
+    def frames(self) -> int:
+        """M."""
+        return len(self.lifts)
+
+    @property
+    def weight_n(self) -> float:
+        """m·g [N]."""
+        return self.robot.mass_kg * self.gravity_m_s2
+
+    @cached_property
+    def holds(self) -> NDArray[np.int_]:
+        """The foothold that each limb stands on at each frame, shape (M, N)."""
+        names = self.robot.limb_names
+        table = np.full((self.frames, len(names)), -1)
+        for index, foothold in enumerate(self.footholds):
+            table[foothold.frame :, names.index(foothold.limb)] = index
+        if np.any(table < 0):
+            limb = names[int(np.argwhere(table < 0)[0, 1])]
+            raise InvalidInput(f"placements: expected one at frame 0 for every limb, got none for {limb}")
+        table.setflags(write=False)
+        return table
+
+    @cached_property
+    def offsets_m(self) -> tuple[tuple[Array, ...], ...]:
+        """From the toe of each foothold to the points that bear forces, on each candidate, shape (K, 3) [m]."""
+        soles = {limb.name: limb.sole_m for limb in self.robot.limbs}
+        point = np.zeros((1, 3))
+        return tuple(
+            tuple(
+                point if (sole := soles[put.limb]) is None else sole_offsets(sole, patch, yaw)
+                for patch, yaw in zip(put.candidates, put.yaws_rad or (0.0,) * len(put.candidates), strict=True)
+            )
+            for put in self.footholds
+        )
+
+    @cached_property
+    def regions(self) -> tuple[tuple[Patch, ...], ...]:
+        """Where the toe of each foothold may be on each candidate: the patch, or what a sole leaves of it.
+
+        Raises InvalidInput where a sole has no room.
+        """
+        if not self.has_soles:
+            return tuple(put.candidates for put in self.footholds)
+        found = []
+        for index, (put, offsets) in enumerate(zip(self.footholds, self.offsets_m, strict=True)):
+            regions = put.candidates
+            if len(offsets[0]) > 1:
+                try:
+                    regions = tuple(sole_region(*pair) for pair in zip(put.candidates, offsets, strict=True))
+                except InvalidInput as error:
+                    raise InvalidInput(f"placements[{index}]: frame {put.frame}, limb {put.limb}: {error}") from None
+            found.append(regions)
+        return tuple(found)
+
+    @property
+    def has_soles(self) -> bool:
+        """Whether any foot is a sole."""
+        return any(limb.sole_m is not None for limb in self.robot.limbs)
+
+    @cached_property
+    def stances(self) -> tuple[Stance, ...]:
+        """Every set of limbs that must carry the robot alone, by frame: after the move to the frame, before the next.
+
+        Where all limbs move at once there is nobody left to carry, and all of them must at the frame itself.
+        """
+        names = self.robot.limb_names
+        everybody = tuple(range(len(names)))
+        found = []
+        for k in range(self.frames):
+            moved, moving = self.lifts[k], self.lifts[k + 1] if k + 1 < self.frames else self.next_lift
+            sets = [tuple(i for i in everybody if names[i] not in lifted) for lifted in (moved, moving) if lifted]
+            kept = [limbs for limbs in dict.fromkeys(sets) if limbs]
+            found += [Stance(k, limbs) for limbs in kept or [everybody]]
+        return tuple(found)
+
+    @cached_property
+    def uncarried(self) -> tuple[int, ...]:
+        """The frames before which all limbs lift at once, so that nobody carries the robot there: such a course asks
+        for the frames alone, and no plan of it can be executed."""
+        return tuple(k for k, lifted in enumerate(self.lifts) if len(lifted) == len(self.robot.limbs))
+
+    def direction(self, frame: int) -> Array:
+        """Unit vector of the nominal step to ``frame`` from the one before, shape (3,); zero where it does not move."""
+        step = self.com_nominal_m[frame] - self.com_nominal_m[frame - 1]
+        length = float(np.linalg.norm(step))
+        return step / length if length > 1e-9 else np.zeros(3)
+
+    def patch(self, foothold: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
+        """The patch that was chosen for a foothold; choice: candidate's index a foothold, shape (P,)."""
+        return self.footholds[foothold].candidates[int(choice[foothold])]
+
+    def posture_problem(self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]) -> Problem:
+        """The posture problem of one stance on the chosen patches."""
+        return Problem.posture(
+            self._contacts(stance, choice),
+            mass_kg=self.robot.mass_kg,
+            com_nominal_m=self.com_nominal_m[stance.frame],
+            com_radius_m=float(self.com_radius_m[stance.frame]),
+            gravity_m_s2=self.gravity_m_s2,
+            force_scale_n=self.force_scale_n,
+            length_scale_m=self.length_scale_m,
+            tilt_limit_rad=self.tilt_limit_rad,
+            robot=self.robot.identity,
+        )
+
+    def _contacts(self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]) -> tuple[Contact, ...]:
+        """The limbs of a stance on the chosen patches."""
+        contacts, (low, high) = [], self.force_bounds
+        for limb in stance.limbs:
+            owner = self.robot.limbs[limb]
+            foothold = int(self.holds[stance.frame, limb])
+            yaws = self.footholds[foothold].yaws_rad
+            contacts.append(
+                Contact(
+                    leg=owner.name, shoulder_m=owner.shoulder_m, reach_m=owner.reach_m,
+                    patch=self.patch(foothold, choice), force_min=low[foothold], force_max=high[foothold],
+                    reach_rows=owner.reach_rows, sole_m=owner.sole_m,
+                    yaw_rad=yaws[int(choice[foothold])] if yaws else 0.0,
+                )
+            )  # fmt: skip
+        return tuple(contacts)
+
+    def with_choice(self, choice: Sequence[int] | NDArray[np.int_]) -> Problem:
+        """The course with one candidate a foothold."""
+        return replace(
+            self,
+            footholds=tuple(
+                replace(
+                    foothold,
+                    candidates=(foothold.candidates[int(chosen)],),
+                    yaws_rad=foothold.yaws_rad[int(chosen) : int(chosen) + 1],
+                )
+                for foothold, chosen in zip(self.footholds, choice, strict=True)
+            ),
+        )
+
+    def _check_posture(self) -> None:
+        """Raise InvalidInput unless it can be asked without an objective, as a posture problem."""
+        plain = all(len(put.candidates) == 1 and put.toe_m is None for put in self.footholds)
+        if len(self.lifts) > 1 or self.next_lift or not plain:
+            raise InvalidInput(
+                "weights: expected those of an objective, got none: a posture problem has one frame, after which "
+                "nobody moves, and one candidate for every toe"
+            )
+
+    def _check_schedule(self) -> None:
+        """Raise InvalidInput unless the schedule and the footholds say the same."""
+        names = self.robot.limb_names
+        if self.lifts[0]:
+            raise InvalidInput(f"lifts[0]: expected nobody to move before the first frame, got {list(self.lifts[0])}")
+        placed = {(foothold.frame, foothold.limb) for foothold in self.footholds}
+        if len(placed) != len(self.footholds):
+            raise InvalidInput("placements: expected each limb at most once a frame")
+        wanted = {(0, name) for name in names} | {(k, name) for k, lifted in enumerate(self.lifts) for name in lifted}
+        self.robot.select([name for _, name in sorted(wanted | {(0, name) for name in self.next_lift})])
+        if placed != wanted:
+            frame, limb = sorted(placed ^ wanted)[0]
+            message = "a foothold, since it moves there" if (frame, limb) in wanted else "no foothold: it stays there"
+            raise InvalidInput(f"placements: frame {frame}, limb {limb}: expected {message}")
+        order = [(foothold.frame, names.index(foothold.limb)) for foothold in self.footholds]
+        if order != sorted(order):
+            raise InvalidInput("placements: expected them in order of frame, then limb")
+        if self.modes is not None and len(self.modes) != self.frames:
+            raise InvalidInput(f"modes: expected {self.frames}, one a frame, got {len(self.modes)}")
+
+
+def _text(value: Any, where: str) -> str:
+    if not isinstance(value, str):
+        raise InvalidInput(f"{where}: expected text, got {shown(value)}")
+    return value
+
+
+def _limb_sets(value: Any) -> tuple[tuple[str, ...], ...]:
+    """Names of limbs for every frame, as tuples."""
+    if not isinstance(value, list | tuple):
+        raise InvalidInput(f"lifts: expected a list of lists of limbs, one a frame, got {shown(value)}")
+    return tuple(checked_members(names, str, f"lifts[{k}]") for k, names in enumerate(value))
+
+
+def _modes(value: Any) -> tuple[int, ...]:
+    """Whole numbers, one a frame."""
+    if not isinstance(value, list | tuple):
+        raise InvalidInput(f"modes: expected a list of whole numbers, got {shown(value)}")
+    return tuple(checked_int(mode, f"modes[{k}]") for k, mode in enumerate(value))
+
+
+def _check_bounds(low: Array, high: Array, where: str) -> None:
+    """Raise InvalidInput for bounds that a limb in the air breaks, or one that presses along its normal alone."""
+    if np.any(low[1:] > 0.0) or np.any(high < np.maximum(low, 0.0)):
+        raise InvalidInput(f"{where}force_min, force_max: expected bounds that admit forces along the normals alone")
+
+
+def _posture(contacts: tuple[Contact, ...], robot: str, **body: Any) -> Problem:
+    """The problem of one frame of contacts and numbers that have been checked."""
+    limbs, footholds = [], []
+    for contact in contacts:
+        limbs.append(
+            made(
+                Limb, name=contact.leg, shoulder_m=contact.shoulder_m, reach_m=contact.reach_m,
+                reach_rows=contact.reach_rows, sole_m=contact.sole_m, leg=None,
+            )
+        )  # fmt: skip
+        footholds.append(
+            made(
+                Foothold, limb=contact.leg, frame=0, candidates=(contact.patch,), toe_m=None,
+                yaws_rad=() if contact.sole_m is None else (contact.yaw_rad,),
+                force_min=contact.force_min, force_max=contact.force_max,
+            )
+        )  # fmt: skip
+    com, radius = body.pop("com_nominal_m"), np.array([body.pop("com_radius_m")])
+    radius.setflags(write=False)
+    holds, stances = _all_standing(len(contacts))
+    return made(
+        Problem, name="posture", terrain=tuple(contact.patch for contact in contacts), footholds=tuple(footholds),
+        robot=made(
+            Robot, name="posture", mass_kg=body.pop("mass_kg"), limbs=tuple(limbs), model=None, identity=robot,
+            relative_reach=(), inertia_kgm2=None, drawn=None,
+        ),
+        lifts=((),), next_lift=(), com_nominal_m=com[None], com_radius_m=radius, goal_m=com, steps=_STEPS, weights=None,
+        force_min=_LOW, force_max=_HIGH, modes=None, contacts=contacts, holds=holds, stances=stances, **body,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=16)
+def _all_standing(count: int) -> tuple[NDArray[np.int_], tuple[Stance, ...]]:
+    """``holds`` and ``stances`` where each of so many limbs has a foothold, and all of them carry."""
+    return locked(np.arange(count)[None]), (Stance(0, tuple(range(count))),)
+
+
+def made(kind: type[Value], **values: Any) -> Value:
+    """A value of a class whose fields, or cached properties, have been checked."""
+    found = object.__new__(kind)
+    vars(found).update(values)
+    return found
+
+
+_STEPS = StepLimits()
+_LOW, _HIGH = read_only((0.0, -1.0, -1.0), (3,), "force_min"), read_only((1.0, 1.0, 1.0), (3,), "force_max")

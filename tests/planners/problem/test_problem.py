@@ -1,0 +1,214 @@
+"""A problem of one frame and a course are one type: what is made as one is read, scaled and judged as the other."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_json import course_from_json, course_to_json
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_posture
+
+
+@pytest.fixture
+def problem(drawn) -> Problem:
+    return drawn("wall-3", 1)
+
+
+def rebuilt(problem: Problem) -> Problem:
+    """The same by the constructor, which looks at everything, as one that nothing was worked out of."""
+    return replace(problem)
+
+
+def test_a_posture_problem_is_a_problem_of_one_frame(problem):
+    assert (problem.frames, problem.is_posture, problem.weights, len(problem.stances)) == (
+        1,
+        True,
+        None,
+        1,
+    )
+    assert problem.com_nominal_m.shape == (1, 3)
+    assert problem.com_radius_m.shape == (1,)
+    again = rebuilt(problem)
+    assert again.to_json() == problem.to_json()
+    np.testing.assert_array_equal(again.holds, problem.holds)
+    assert again.stances == problem.stances
+    assert [contact.leg for contact in again.contacts] == list(problem.legs)
+
+
+def test_both_ways_of_making_it_have_the_same_numbers_and_the_same_answer(
+    drawn, mixed, bounded, soled
+):
+    planner = ExactPlanner()
+    for made in (
+        drawn("wall-3", 8),
+        mixed(1, (3, 4, 5)),
+        bounded(drawn("ground-3", 2), 2, 0.05),
+        soled(drawn("wall-3", 3), 3),
+    ):
+        one, other = Scaled.of(made), Scaled.of(rebuilt(made))
+        assert one.layout == other.layout
+        for name in (
+            "vertices",
+            "frames",
+            "friction",
+            "shoulders",
+            "reach",
+            "force_min",
+            "force_max",
+            "com",
+            "goal",
+        ):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        first, second = planner.solve(made), planner.solve(rebuilt(made))
+        assert (first.status, first.bound) == (second.status, second.bound)
+
+
+def test_forces_are_bounded_foothold_by_foothold(drawn):
+    problem = drawn("ground-3", 3)
+    weak = [
+        replace(problem.contacts[0], force_max=np.array([0.05, 1.0, 1.0])),
+        *problem.contacts[1:],
+    ]
+    held = ExactPlanner().solve(problem.posture_with(contacts=tuple(weak)))
+    assert held.solution is not None
+    share = float(held.solution.forces_n[0] @ problem.contacts[0].patch.normal) / problem.weight_n
+    assert share <= 0.05 + 1e-6
+    free = ExactPlanner().solve(problem)
+    assert not check_posture(problem.posture_with(contacts=tuple(weak)), free.solution).accepted
+
+
+def test_bounds_of_footholds_count_in_plans_and_in_files():
+    course = read_course("walls", frames=3)
+    strong = TwoStageCoursePlanner().solve(course)
+    first = course.footholds[0]
+    weak = replace(
+        first, force_min=np.array([0.0, -1.0, -1.0]), force_max=np.array([0.1, 1.0, 1.0])
+    )
+    changed = replace(course, footholds=(weak, *course.footholds[1:]))
+    answer = TwoStageCoursePlanner().solve(changed)
+    assert answer.solution is not None
+    on = [
+        (s, i)
+        for s, of in enumerate(course.stances)
+        for i in of.limbs
+        if course.holds[of.frame, i] == 0
+    ]
+    assert on
+    for stance, limb in on:
+        force = answer.solution.forces_n[stance, limb]
+        assert (
+            float(force @ weak.candidates[int(answer.solution.choice[0])].normal)
+            <= 0.1 * course.weight_n + 1e-4
+        )
+    loaded = max(np.linalg.norm(strong.solution.forces_n[s, i]) for s, i in on)
+    assert loaded > 0.1 * course.weight_n
+    again = course_from_json(course_to_json(changed))
+    np.testing.assert_array_equal(again.footholds[0].force_max, weak.force_max)
+    assert again.footholds[1].force_max is None
+
+
+def test_another_force_scale_changes_no_plan():
+    course = read_course("walls", frames=2)
+    scaled = replace(course, force_scale_n=40.0, force_min=course.force_min * course.weight_n / 40.0,
+                     force_max=course.force_max * course.weight_n / 40.0)  # fmt: skip
+    one, other = (TwoStageCoursePlanner().solve(each) for each in (course, scaled))
+    assert one.status is other.status
+    assert one.objective == pytest.approx(other.objective, rel=1e-3)
+    assert stancekit.verify(other.solution).contacts
+    assert course_from_json(course_to_json(scaled)).force_scale_n == 40.0
+
+
+def test_a_problem_of_several_frames_needs_an_objective(problem):
+    course = read_course("walls", frames=2)
+    with pytest.raises(InvalidInput, match=r"^weights: expected those of an objective, got none: "):
+        replace(course, weights=None)
+    with pytest.raises(
+        InvalidInput, match=r"^weights: expected a course with an objective, got a posture problem$"
+    ):
+        _ = problem.aim
+    with pytest.raises(
+        InvalidInput, match=r"^contacts: expected a posture problem, got a course of 2 frames$"
+    ):
+        _ = course.contacts
+
+
+def test_bounds_come_in_pairs_in_order_and_let_a_limb_that_moves_go():
+    course = read_course("walls", frames=2)
+    first, *others = course.footholds
+    for bounds, said in (
+        (
+            {"force_min": np.zeros(3)},
+            "force_min, force_max: expected both or none, got one of them",
+        ),
+        (
+            {"force_min": np.ones(3), "force_max": np.zeros(3)},
+            "force_min: expected at most force_max",
+        ),
+    ):
+        with pytest.raises(InvalidInput, match=said):
+            replace(first, **bounds)
+    pushed = replace(first, force_min=np.array([0.0, 0.1, 0.0]), force_max=np.ones(3))
+    with pytest.raises(
+        InvalidInput, match=r"placements\[0\]: force_min, force_max: expected bounds that admit"
+    ):
+        replace(course, footholds=(pushed, *others))
+
+
+def test_copies_and_pickles_are_the_same_problem(problem):
+    for again in (copy.deepcopy(problem), pickle.loads(pickle.dumps(problem))):
+        assert again.to_json() == problem.to_json()
+
+
+def test_one_is_made_fast_enough_for_environments(problem):
+    given = {
+        "contacts": problem.contacts,
+        "mass_kg": 10.0,
+        "com_nominal_m": np.zeros(3),
+        "com_radius_m": 0.1,
+    }
+    best = np.inf
+    for _ in range(20):
+        begin = time.process_time()
+        for _ in range(200):
+            Problem.posture(**given)
+        best = min(best, (time.process_time() - begin) / 200)
+    assert best < 120e-6
+
+
+def test_the_names_of_before_are_taken_for_a_release(problem):
+    given = {
+        "contacts": problem.contacts,
+        "mass_kg": 10.0,
+        "com_nominal_m": np.zeros(3),
+        "com_radius_m": 0.1,
+    }
+    with pytest.warns(
+        DeprecationWarning,
+        match=r"stancekit\.PostureProblem is old: Problem\.posture\(contacts, \.\.\.\)",
+    ):
+        old = stancekit.PostureProblem
+    assert old(**given).to_json() == Problem.posture(**given).to_json()
+    assert old.from_json(problem.to_json()).to_json() == problem.to_json()
+    with pytest.warns(DeprecationWarning, match=r"stancekit\.Course is old: Problem"):
+        courses = stancekit.Course
+    course = read_course("walls", frames=2)
+    assert (isinstance(problem, old), isinstance(course, old)) == (True, False)
+    assert (isinstance(problem, courses), isinstance(course, courses)) == (False, True)
+    assert courses.of_posture(problem).to_json() == problem.course().to_json()
+    for module, name in (("posture", "PostureProblem"), ("course", "Course")):
+        with pytest.warns(DeprecationWarning, match=f"{name} is old"):
+            exec(f"from stancekit.planners.problem.{module} import {name}", {})
+    with pytest.warns(DeprecationWarning, match="PostureProblem is old"):
+        exec("from stancekit.planners.problem import PostureProblem", {})
