@@ -42,7 +42,7 @@ def untrained(name, seed=0):
         torch.manual_seed(seed)
         both = networks(SMALL.architecture)
     return Proposers(
-        both, problem_class=name, legs=like.legs, robot=like.robot, force_scale_n=like.force_scale_n,
+        both, problem_class=name, legs=like.legs, robot=like.robot.identity, force_scale_n=like.force_scale_n,
         length_scale_m=like.length_scale_m,
     )  # fmt: skip
 
