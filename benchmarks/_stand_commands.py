@@ -111,7 +111,7 @@ def planned(entry: Entry, folder: Path, limit_s: float) -> dict[str, Any]:
 def margins(verdict: Mapping[str, Any]) -> dict[str, float]:
     """The figures of a verdict that are called ``MARGINS``: of its groups, or beside them."""
     groups = {each.get("group"): each.get("value") for each in verdict.get("groups", ())}
-    known = {**verdict, **(verdict.get("figures") or {}), **groups}
+    known = {**verdict, **(verdict.get("figures") or {}), **(verdict.get("margin") or {}), **groups}
     return {name: known[name] for name in MARGINS if isinstance(known.get(name), int | float)}
 
 
