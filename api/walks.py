@@ -82,7 +82,7 @@ def walk(
         duration_s: time to walk [s].
         chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or "FILE.py:NAME"); "portfolio"
             tries one after another until the verifier accepts.
-        time_limit_s: processor time of all solves; the best walk until then is the answer [s].
+        time_limit_s: processor time of solves and of verdicts between them; the best walk until then is the answer [s].
         task: further fields of ``GaitTask``: start_yaw_rad, end_yaw_rad (which way it faces at the start, from x
             towards y, and at the end; it turns by the difference of the two [rad]), friction (Coulomb's ν of the
             ground, 0.75), adhesive (names of feet that stick: they may pull), suction_n (with how much; twice the

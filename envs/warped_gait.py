@@ -145,6 +145,11 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     A walk of ``tasks``, or ``SampledTasks(terrain)``; all have the same number of feet.
 
+    A solve takes a second or more. With ``pool=16`` an episode is one of 16 walks, and an attempt at a walk is solved
+    when it is first chosen; the next time its outcome is looked up. The same choice of a walk and of an action always
+    comes to the same. ``env.unwrapped.pool.solve()`` solves all attempts, ``.write("walks.npz")`` keeps them, and
+    ``pool="walks.npz"`` with the same other arguments goes on from that file: a step then takes a millisecond.
+
     ## Episode End
 
     Terminated after one step; never truncated.
@@ -155,13 +160,6 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     ``iterations``, ``violation``, the verifier's
     figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
     groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
-
-    ## Pool
-
-    A solve takes a second or more. With ``pool=16`` an episode is one of 16 walks, and an attempt at a walk is solved
-    when it is first chosen; the next time its outcome is looked up. The same choice of a walk and of an action always
-    comes to the same. ``env.unwrapped.pool.solve()`` solves all attempts, ``.write("walks.npz")`` keeps them, and
-    ``pool="walks.npz"`` with the same other arguments goes on from that file: a step then takes a millisecond.
 
     ## Arguments
 

@@ -75,6 +75,7 @@ class BodyController:
         self._mass, self._inertia, self._weight, self._feedback = mass_kg, inertia_kgm2, weight_n, feedback
         self._rows: dict[int, Rows[_Asked]] = {}
         self._log = pinocchio().log3
+        self._shares: tuple[Samples | None, Array] = None, np.zeros(0)
         self._asked: tuple[tuple[bytes, ...], Array] = (), np.zeros((0, 3))
 
     def wrench(self, wanted: BodyPose, found: BodyPose) -> Array:
@@ -104,22 +105,28 @@ class BodyController:
         """
         if not stands.any():
             return planned_n
-        frames = sample.frames[stands]
+        its = slice(None) if stands.all() else stands
+        frames = sample.frames[its]
         wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
-        maps = np.concatenate([frames, TURNING * skew(arms_m[stands]) @ frames], axis=1)
-        planned = np.einsum("nik,ni->nk", frames, planned_n[stands])
+        maps = np.concatenate([frames, TURNING * skew(arms_m[its]) @ frames], axis=1)
+        planned = np.einsum("nik,ni->nk", frames, planned_n[its])
         asked = _Asked(
             arms=maps.transpose(1, 0, 2).reshape(6, -1), wanted=wanted, planned=planned / self._weight,
-            friction=self._friction(sample)[stands],
+            friction=self._friction(sample)[its],
         )  # fmt: skip
         solution = self._program(len(frames)).solve(asked)
         force = self._weight * solution.value("forces") if solution.solved else planned
         found = np.array(planned_n)
-        found[stands] = np.einsum("nik,nk->ni", frames, self._inside(force, asked.friction))
+        found[its] = np.einsum("nik,nk->ni", frames, self._inside(force, asked.friction))
         return found
 
     def _friction(self, sample: Samples) -> Array:
         """The part of μ that the forces of every foot may use, shape (N,)."""
+        if self._shares[0] is not sample:
+            self._shares = sample, self._found_friction(sample)
+        return self._shares[1]
+
+    def _found_friction(self, sample: Samples) -> Array:
         used = sample.across_n / np.maximum(sample.along_n, self._feedback.least_share * self._weight)
         share, most = self._feedback.cone_share * sample.friction, PLANNED * sample.friction
         return np.asarray(np.maximum(share, np.minimum(used, most)))
