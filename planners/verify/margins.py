@@ -20,11 +20,11 @@ from typing import Any
 
 import clarabel
 import numpy as np
-from scipy.sparse import csc_array
 
 from ..answer.plan import Plan
 from ..answer.report import Group
 from ..files.arrays import Array
+from ..files.columns import Columns
 from ..problem.problem import Problem, Stance
 from .geometry import contact_frames, cross
 
@@ -105,7 +105,8 @@ class _Program:
         columns, rows = np.nonzero(filled.T)
         self._places = rows, columns
         starts = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
-        matrix = csc_array((np.ones(len(rows)), rows, starts), filled.shape)
+        matrix = Columns(np.ones(len(rows)), rows, starts, (len(filled), size))
+        nothing = Columns(np.zeros(0), np.zeros(0, dtype=np.int_), np.zeros(size + 1, dtype=np.int_), (size, size))
         cones: list[Any] = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(6 * contacts)]
         cones += [clarabel.SecondOrderConeT(3)] * contacts
         settings = clarabel.DefaultSettings()
@@ -113,7 +114,7 @@ class _Program:
         settings.iterative_refinement_enable = settings.chordal_decomposition_enable = False
         settings.max_threads = 1
         self._solver = clarabel.DefaultSolver(
-            csc_array((size, size)), np.zeros(size), matrix, np.zeros(len(self._dense)), cones, settings
+            nothing, np.zeros(size), matrix, np.zeros(len(self._dense)), cones, settings
         )
 
     def support(self, at: _Contacts, shifts: Array, friction_share: float = 1.0) -> Callable[[Array], Array | None]:

@@ -63,7 +63,7 @@ def check_plan(
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
     body = check_whole_body(plan, deadline=deadline) if joints else NOT_ASKED
     if margins or plan.course.push_n > 0.0:
-        from .margins import margin_group  # Clarabel and scipy's matrices, of this alone
+        from .margins import margin_group  # Clarabel, of this alone
 
         body = (*body, margin_group(plan))
     with np.errstate(all="ignore"):
