@@ -115,10 +115,15 @@ class PostureBatch:
             contacts.append(_with(contact, patch=patch))
             footholds.append(_with(put, candidates=(patch,)))
             terrain.append(patch)
-        found = _with(self.like, contacts=tuple(contacts), footholds=tuple(footholds), terrain=tuple(terrain))
+        return _with(self._plain, contacts=tuple(contacts), footholds=tuple(footholds), terrain=tuple(terrain))
+
+    @cached_property
+    def _plain(self) -> Problem:
+        """``like``, as if nothing had been worked out of its patches."""
+        plain = _with(self.like)
         for worked_out in OF_PATCHES:
-            vars(found).pop(worked_out, None)
-        return found
+            vars(plain).pop(worked_out, None)
+        return plain
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
@@ -155,6 +160,5 @@ def _without_patches(problem: Problem) -> dict[str, Any]:
 def _with(value: Value, **changes: Any) -> Value:
     """A copy of a value class with other fields, which have been validated before."""
     copy = object.__new__(type(value))
-    vars(copy).update(vars(value))
-    vars(copy).update(changes)
+    vars(copy).update(vars(value), **changes)
     return copy
