@@ -40,8 +40,8 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "between": {
         CHOICES: ("planners.terrain.import_options", "planners.problem.course_file", "planners.terrain.reference"),
-        LATER: ("planners.problem.course_between", "planners.problem.file_terrain", "planners.robot.reach_file",
-                "planners.robot.robot_file", "planners.terrain.footholds"),
+        LATER: ("planners.problem.alternatives", "planners.problem.course_between", "planners.problem.file_terrain",
+                "planners.robot.reach_file", "planners.robot.robot_file", "planners.terrain.footholds"),
     },
     "demo": {TOOL: ("planners.robot.urdf_reader", "planners.terrain.facets", "runner.worlds.mujoco", "views.page")},
     "emulate_bus": {
@@ -92,7 +92,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: ("planners.robot.meshes", "views.links", "views.robot_picture", "views.sheet"),
     },
     "run": {
-        LATER: ("planners.problem.course", "planners.robot.actuators", "runner.acceptance",
+        LATER: ("planners.problem", "planners.robot.actuators", "runner.acceptance",
                 "planners.motion.plan_motion", "runner.control.loop_settings", "runner.report", "runner.settings",
                 "runner.worlds"),
         TOOL: ("runner.log", "runner.safety.estop"),
