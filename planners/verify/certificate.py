@@ -13,13 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..answer.certificate import Certificate
-from ..answer.report import Group, Report
+from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.leap import Leap
 from .half_spaces import row_counts
 from .lagrangian import leaf_bounds
+from .proof import proof_report
 from .soles import counts_of
 from .tree import Forest, Replayed
 
@@ -60,41 +61,6 @@ def check_certificate(certificate: Certificate, *, tolerance: float | None = Non
         moment_nm = bound * subject.moment_scale_nm
         message = f"refuted at all leaves ({leaves}): {moment_nm:.3g} Nm of moment or more are left over"
     return proof_report(certificate, tolerance, bound, leaves, weakest, message)
-
-
-def proof_report(
-    certificate: Certificate,
-    tolerance: float,
-    bound: float,
-    leaves: int,
-    weakest: int,
-    message: str,
-) -> Report[Certificate]:
-    """The report on a proof: one group, the least bound of its leaves, which has to exceed the tolerance.
-
-    Arguments:
-        certificate: what was judged.
-        tolerance: above which a bound has to be.
-        bound: the least.
-        leaves: how many were checked.
-        weakest: the leaf of that bound, −1 where there is none.
-        message: the verdict in one line.
-    """
-    group = Group(
-        name="bound",
-        value=bound,
-        limit=tolerance,
-        where=f"leaf {weakest}" if weakest >= 0 else "",
-        message=message,
-        verdict="holds" if bound > max(tolerance, 0.0) else "violated",
-    )
-    return Report(
-        groups=(group,),
-        subject=certificate.problem,
-        answer=certificate,
-        tolerance=tolerance,
-        figures={"lower_bound": bound, "leaves": leaves, "weakest": weakest},
-    )
 
 
 def check_certificates(certificates: Sequence[Certificate]) -> Array:

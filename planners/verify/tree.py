@@ -105,7 +105,7 @@ class Forest:
             friction=scalars[..., 0],
             shoulders=vectors[:, :, 2] / lengths[:, None, None],
             reach=scalars[..., 1] / lengths[:, None],
-            com=(np.array([problem.com_nominal_m[0] for problem in problems]) / lengths[:, None])[:, None],
+            com=(np.concatenate([problem.com_nominal_m for problem in problems]) / lengths[:, None])[:, None],
             com_radius=(body[:, 0] / lengths)[:, None],
             tilt=body[:, 1],
             weight=body[:, 2] * lengths,
