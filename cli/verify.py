@@ -83,6 +83,8 @@ class Verify:
             emit(found.to_json())
         else:
             out.print(f"{self.problems}: {found.message}")
+            if found.kind == "plan" and found.accepted:
+                out.print(found.report.margin_message)
         return int(not found.accepted)
 
     def _dataset(self) -> int:

@@ -167,7 +167,6 @@ def check_file(
     parts = [
         report.message,
         report.body_message,
-        report.margin_message if report.accepted else "",
         "" if same else "the file claims another verdict",
         f"the file lists as checked what nobody can check: {', '.join(unfounded)}" if unfounded else "",
         f"a file of {older}, which has no hulls of its robot's meshes" if older else "",

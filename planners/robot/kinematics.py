@@ -236,7 +236,7 @@ class Kinematics:
 
     def feet(self, angles: Array) -> Array:
         """Centres of the feet in the base's frame, shape (N, 3) [m]."""
-        return self._placed(angles)
+        return self._placed(angles).copy()
 
     def chains(self, angles: Array) -> Array:
         """Joints and foot of every limb in the base's frame, shape (N, n + 1, 3) [m]; shorter ones stay at the foot.
