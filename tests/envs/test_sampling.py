@@ -106,9 +106,9 @@ def test_draws_that_cannot_be_repeated_are_drawn_when_they_are_asked_for():
 def test_a_claim_that_the_verifier_refuses_is_decided_again_by_itself(check, monkeypatch):
     refused = []
 
-    def refuse(problems, claims):
-        refused.extend(problems)
-        return np.full(len(problems), np.inf if check is check_postures else 0.0)
+    def refuse(*given):  # problems and postures, or certificates, which know their problems
+        refused.extend(given[-1])
+        return np.full(len(given[-1]), np.inf if check is check_postures else 0.0)
 
     expected = drawn(OneByOne(WALL), 12, np.random.default_rng(3))
     monkeypatch.setattr(sampling, check.__name__, refuse)
