@@ -130,7 +130,9 @@ def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does
     (folder / "loose.yaml").write_text(f"{COURSE}weights: {{com_path: 0.0}}\n")
     loose = read_course(folder / "loose.yaml")
     assert (course.weights.com_path, loose.weights.com_path, read_course("walls").weights.com_path) == (0.1, 0.0, 0.0)
-    near, far = (TwoStageCoursePlanner().solve(each).solution for each in (course, loose))
+    assert (course.weights.stance, loose.weights.stance, read_course("walls").weights.stance) == (0.3, 0.3, 0.0)
+    alone = [replace(each, weights=replace(each.weights, stance=0.0)) for each in (course, loose)]  # which keeps it, too
+    near, far = (TwoStageCoursePlanner().solve(each).solution for each in alone)
     assert near is not None
     assert far is not None
     off_m = [np.linalg.norm(each.com_m - each.course.com_nominal_m, axis=1).mean() for each in (near, far)]
