@@ -131,7 +131,7 @@ def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does
     loose = read_course(folder / "loose.yaml")
     assert (course.weights.com_path, loose.weights.com_path, read_course("walls").weights.com_path) == (0.1, 0.0, 0.0)
     assert (course.weights.stance, loose.weights.stance, read_course("walls").weights.stance) == (0.3, 0.3, 0.0)
-    alone = [replace(each, weights=replace(each.weights, stance=0.0)) for each in (course, loose)]  # which keeps it, too
+    alone = [replace(each, weights=replace(each.weights, stance=0.0)) for each in (course, loose)]  # it does so, too
     near, far = (TwoStageCoursePlanner().solve(each).solution for each in alone)
     assert near is not None
     assert far is not None
