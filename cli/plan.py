@@ -271,6 +271,8 @@ class PlanCourse:
         yield from bent_lines(outcome.details)
         yield report.body_message
         yield report.margin_message
+        if report.accepted and outcome.status.value == "undecided":
+            yield f"not accepted as a plan: {outcome.message}"
         yield from (f"cannot be run: {line}" for line in plan.course.robot.source.unrunnable)
         if (at := outcome.message.find(LATE)) >= 0:
             yield f"{outcome.message[at:]}; --time-limit-s sets it, now to {self.time_limit_s:g} s"

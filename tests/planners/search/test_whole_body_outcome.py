@@ -1,7 +1,9 @@
 """What becomes of an outcome when its plan is one of the whole body."""
 
+import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +18,10 @@ from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
+from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
+from stancekit.planners.search import whole_body_outcome
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 
 
@@ -95,3 +99,25 @@ def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(planned: Answer[P
     assert planned.solution is not None
     forged = replace(planned.solution, provenance={**planned.solution.provenance, "torque_nm": written})
     assert check_plan(forged, joints=True).group("torque") == check_plan(planned.solution, joints=True).group("torque")
+
+
+def test_a_plan_for_own_legs_that_is_about_to_tip_is_undecided_and_says_where(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "dog.urdf").write_text(quadruped())
+    (tmp_path / "flat.yaml").write_text(
+        "name: flat\nrobot: dog.urdf\nframes: 2\ngait: wave\nstart_m: [0.0, 0.0]\ngoal_m: [0.05, 0.0, 0.45]\n"
+        "terrain: {kind: flat, friction: 0.7}\n"
+    )
+    planned = plan_with_reserve(TwoStageCoursePlanner(), read_course(tmp_path / "flat.yaml"))
+    stands = with_whole_body(planned)
+    assert stands.report is not None
+    least = stands.report.group("margin").figures["push_n"] / planned.problem.weight_n
+    assert stands.status is Status.FEASIBLE
+    assert least > 0.01
+    monkeypatch.setattr(whole_body_outcome, "LEAST_PUSH", least + 0.01)
+    tips = with_whole_body(planned)
+    assert tips.status is Status.UNDECIDED
+    assert tips.report is not None
+    assert tips.report.accepted  # what the verifier says of a file does not change
+    assert re.match(r"margin: \w+( \w+)* at frame \d bear a push of [\d.]+ N, expected [\d.]+ N or more", tips.message)
