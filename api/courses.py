@@ -21,7 +21,7 @@ from stancekit.planners.formats.leap_file import is_leap_file, read_leap
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
-from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_file import is_scene, read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.contact_robot import Sets
@@ -153,8 +153,10 @@ def plan(
         assert not isinstance(method, LeapFinder)
         planner = through_verifier(method, "courses")
     push_n = checked_number(push_n, "push_n", least=0.0)
+    given_so = start_xy_m is None and isinstance(course, str | Path) and callable(question) and is_scene(course)
+    layouts = (AS_ASKED,) if given_so else ALTERNATIVES
     return plan_course(
-        question, planner, shares=shares, limits=limits, push_n=push_n, layouts=ALTERNATIVES, deadline=deadline
+        question, planner, shares=shares, limits=limits, push_n=push_n, layouts=layouts, deadline=deadline
     )
 
 

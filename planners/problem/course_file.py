@@ -65,6 +65,8 @@ def read_course(
     if "surfaces" in data:
         from .scene_file import read_scene
 
+        if alternative != AS_ASKED:
+            raise InvalidInput(f"{course}: expected no other layout of a published scene, got {alternative.message}")
         return read_scene(course, data, frames, robot, sets, reach)
     spec = _spec(course, data, robot)
     try:
@@ -80,6 +82,11 @@ def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpe
     Raises InvalidInput with every key that is wrong.
     """
     return _spec(course, described(course), robot)
+
+
+def is_scene(course: str | Path) -> bool:
+    """Whether a name or a YAML file is a published scene, whose layout is given. Raises InvalidInput."""
+    return "surfaces" in described(course)
 
 
 def described(course: str | Path) -> Mapping[str, Any]:
