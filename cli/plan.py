@@ -37,6 +37,7 @@ SETTINGS = (
     "intervals",
     "max_solves",
     "push_n",
+    "wrench",
     "time_limit_s",
 )
 """What a planner's complaint may begin with that is an option here."""
@@ -101,6 +102,9 @@ class PlanCourse:
     push_n: float = 0.0
     """Horizontal push at the body, in any direction, that every stance has to bear [N]. Without it a plan that bears
     5 % of the weight is sought, then 2.5 %; what it bears is said. two-stage."""
+    wrench: Annotated[OptionalText, tyro.conf.arg(metavar="FX,FY,FZ[,MX,MY,MZ]")] = None
+    """Force on the body beside its weight at every key frame [N], and moment about the centre of mass [Nm], in world
+    axes: a payload, wind, a rope. The plan carries it, and a course that nobody can climb with it is infeasible."""
     between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(default_factory=Between)
     """From where to where over a terrain's file."""
     clearance_m: float = 0.005
@@ -148,10 +152,11 @@ class PlanCourse:
             question = self.between.question(self.course, self.frames, self.robot, self.reach)
             asked = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
-            with as_options("push_n"):
+            with as_options("push_n", "wrench"):
                 outcome = plan(
-                    question, planner, **asked, body=limits, push_n=self.push_n, time_limit_s=left_s
-                )
+                    question, planner, **asked, body=limits, push_n=self.push_n, wrench=self._wrench(),
+                    time_limit_s=left_s,
+                )  # fmt: skip
         course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)
@@ -176,6 +181,15 @@ class PlanCourse:
 
         with as_options("torque_nm", "torque_share", "clearance_m"):
             return WholeBodyLimits(torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m)
+
+    def _wrench(self) -> list[float] | None:
+        """The numbers of --wrench. Raises InvalidInput."""
+        if self.wrench is None:
+            return None
+        try:
+            return [float(part) for part in self.wrench.split(",")]
+        except ValueError:
+            raise InvalidInput(f"wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got {self.wrench}") from None
 
     def _outputs(self) -> list[Path]:
         return [path for path in (self.out, self.picture, self.video, self.html) if path is not None]
