@@ -15,7 +15,16 @@ from stancekit.planners.errors import InvalidInput
 from .between import Between
 from .console import as_options, complain, counted, emit, out, progress
 from .names import PROJECTION, named
-from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
+from .options import (
+    OptionalFloat,
+    OptionalInt,
+    OptionalPath,
+    OptionalText,
+    OptionalWrench,
+    check_drawn,
+    check_planner,
+    wrench_numbers,
+)
 from .plan_table import message_of, row, table_of
 from .robot_plan import bent_lines
 
@@ -102,7 +111,7 @@ class PlanCourse:
     push_n: float = 0.0
     """Horizontal push at the body, in any direction, that every stance has to bear [N]. Without it a plan that bears
     5 % of the weight is sought, then 2.5 %; what it bears is said. two-stage."""
-    wrench: Annotated[OptionalText, tyro.conf.arg(metavar="FX,FY,FZ[,MX,MY,MZ]")] = None
+    wrench: OptionalWrench = None
     """Force on the body beside its weight at every key frame [N], and moment about the centre of mass [Nm], in world
     axes: a payload, wind, a rope. The plan carries it, and a course that nobody can climb with it is infeasible."""
     between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(default_factory=Between)
@@ -154,7 +163,7 @@ class PlanCourse:
             left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
             with as_options("push_n", "wrench"):
                 outcome = plan(
-                    question, planner, **asked, body=limits, push_n=self.push_n, wrench=self._wrench(),
+                    question, planner, **asked, body=limits, push_n=self.push_n, wrench=wrench_numbers(self.wrench),
                     time_limit_s=left_s,
                 )  # fmt: skip
         course, report = cast("Problem", outcome.problem), outcome.report
@@ -182,15 +191,6 @@ class PlanCourse:
         with as_options("torque_nm", "torque_share", "clearance_m"):
             return WholeBodyLimits(torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m)
 
-    def _wrench(self) -> list[float] | None:
-        """The numbers of --wrench. Raises InvalidInput."""
-        if self.wrench is None:
-            return None
-        try:
-            return [float(part) for part in self.wrench.split(",")]
-        except ValueError:
-            raise InvalidInput(f"wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got {self.wrench}") from None
-
     def _outputs(self) -> list[Path]:
         return [path for path in (self.out, self.picture, self.video, self.html) if path is not None]
 
@@ -201,6 +201,8 @@ class PlanCourse:
 
         check_planner(self, "planner", COURSE_METHODS, "courses")
         self._limits()
+        with as_options("wrench"):
+            wrench_numbers(self.wrench)
         if self.relaxation not in (None, "envelope"):  # as plans had p1
             from stancekit.planners.relaxation.table import RELAXATIONS
 

@@ -75,6 +75,15 @@ def at_point(force_n: ArrayLike, moment_nm: ArrayLike, at_m: ArrayLike) -> Array
     return np.concatenate([force, moment])
 
 
+def wrench_between(course: Problem, frame: float) -> Array | None:
+    """The wrench at a key frame or between two, where it goes over from one to the other, shape (6,); None for none."""
+    if course.wrench is None:
+        return None
+    before = min(int(frame), course.frames - 1)
+    after, share = min(before + 1, course.frames - 1), frame - before
+    return np.asarray((1.0 - share) * course.wrench[before] + share * course.wrench[after])
+
+
 def loaded(course: Problem, wrench: Array | None) -> Problem:
     """The course with a wrench on every frame, beside those that it has.
 
