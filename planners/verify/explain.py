@@ -125,7 +125,7 @@ def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanat
     force, moment = (float(length(part)) for part in np.split(problem.wrench[stance.frame], 2))
     now, unit = (force, "N") if force > 0.0 else (moment, "Nm")
     most = Relaxation(parameter=f"wrench on {where}", leg="", now=now, needed=held.share * now, unit=unit)
-    message = f"infeasible: holds {most.needed:.3g} {unit} at most, of {now:.3g} {unit}: {where}"
+    message = f"infeasible: holds {most.needed:.3g} {unit} at most, of {now:.4g} {unit}: {where}"
     return Explanation(relaxations=(most, *found.relaxations), message=message)
 
 

@@ -29,6 +29,8 @@ from .stances import Index
 
 HALVINGS = 12
 """Halvings of the interval in which the largest multiple is sought."""
+LESS = 0.99
+"""A later stance is named only where it holds less than this share of what an earlier one does."""
 REFUSED = (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible)
 
 
@@ -57,7 +59,7 @@ def least_held(numbers: Numbers, patches: Sequence[Array]) -> WrenchHeld | None:
     found: WrenchHeld | None = None
     for stance in np.flatnonzero(length(numbers.wrench[0]) > 0.0).tolist():
         lift = _Lift(numbers, patches, stance)
-        most = 1.0 if found is None else found.share
+        most = 1.0 if found is None else LESS * found.share
         if lift.might_hold(most) or not lift.might_hold(0.0):
             continue
         least = 0.0

@@ -248,6 +248,6 @@ def test_a_course_that_nobody_can_climb_with_a_wrench_says_who_cannot_hold_it() 
     assert stancekit.verify(answer.certificate).accepted
     message = explain(answer.certificate).message
     assert message.startswith("infeasible: holds 68.7 N at most, of 90 N: ")  # .7 of the weight
-    assert message.rpartition(" at frame ")[2] in ("1", "2", "3")
+    assert message.rpartition(" at frame ")[2] in ("0", "1", "2", "3")
     weaker = replace(answer.certificate, problem=replace(answer.problem, wrench=0.5 * answer.problem.wrench))
     assert not check_certificate(weaker).accepted
