@@ -76,12 +76,12 @@ class RunMotion:
     """A policy plans anew where body or feet are farther than this from the plan; inf for never."""
     friction_share: float = 1.0
     """Simulations: the terrain has only this share of the friction that the plan counts on."""
-    wrench: OptionalWrench = None
-    """Simulations: force on the body beside its weight [N], and moment about the centre of mass [Nm], in world axes.
-    Without it what the plan was made for; 0,0,0 for none."""
     actuators: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
     """What turns the joints: XM540-W270, XM430-W350, or a file that says which joint has which. Without it: what the
     robot's own file says, or the device."""
+    wrench: OptionalWrench = None
+    """Simulations: force on the body beside its weight [N], and moment about the centre of mass [Nm], in world axes.
+    Without it what the plan was made for; 0,0,0 for none."""
     blind: bool = False
     """Simulations: send what a robot that measures its joints alone is sent."""
     odometry: bool = False
@@ -130,7 +130,7 @@ class RunMotion:
         with as_options("world"):
             kind = WORLDS.get(self.world)
         self._check(kind)
-        with as_options("speed_rad_s", "friction_share", "wrench"):
+        with as_options("speed_rad_s", "friction_share"):
             settings = self._settings()
         request, policy, led = self._request(), None, self.policy is not None
         with as_options("friction_share", "wrench", "blind", "policy"):
@@ -214,10 +214,12 @@ class RunMotion:
 
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         given: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
+        with as_options("wrench"):
+            wrench = wrench_numbers(self.wrench)
         return RunSettings(
+            wrench=wrench,
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
             blind=self.blind, odometry=self.odometry, friction_share=self.friction_share, loop=LoopSettings(**given),
-            wrench=wrench_numbers(self.wrench),
         )  # fmt: skip
 
     def _estop(self) -> EstopCheck:

@@ -86,6 +86,11 @@ class MujocoWorld(SimulatedWorld):
         forces, bump = self._felt_of(contacts)
         return self._state(forces / self._substeps, bump / self._substeps)
 
+    def close(self) -> None:
+        """Drop the model."""
+        self._model = self._data = None
+        self._views = ()
+
     def _on_body(self) -> Array:
         """Force on the base's own centre of mass and moment: what is carried, which acts at the robot's, and pushes."""
         found = np.array(self._carried)
@@ -93,11 +98,6 @@ class MujocoWorld(SimulatedWorld):
         found[3:] += cross(arm, self._carried[:3])
         found[:3] += self.imperfections.pushed_n(float(self._data.time))
         return found
-
-    def close(self) -> None:
-        """Drop the model."""
-        self._model = self._data = None
-        self._views = ()
 
     def _compiled(self, terrain: Terrain) -> Any:
         spec = self._spec(self.body.apart if self._touching is None else (*self.body.apart, *self._touching))
