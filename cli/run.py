@@ -215,7 +215,7 @@ class RunMotion:
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         given: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
         with as_options("wrench"):
-            wrench = wrench_numbers(self.wrench)
+            wrench = RunSettings(wrench=wrench_numbers(self.wrench)).wrench
         return RunSettings(
             wrench=wrench,
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
