@@ -147,6 +147,21 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
             "--projection: expected --planner two-stage or micp with it, got exact",
         ),
         (("walls", "--planner", "micp", "--intervals", 128), "--intervals: expected 64 or less, got 128"),
+        (
+            ("walls", "--wrench", "down"),
+            "--wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got 'down'",
+        ),
+        (
+            ("walls", "--wrench", "0,1"),
+            "--wrench: expected 3 numbers, a force [N], or 6, a force and a moment about the centre of mass [Nm], "
+            "got (0.0, 1.0)",
+        ),
+        (("walls", "--wrench", "0,0,inf"), "--wrench: expected finite numbers, got [0.0, 0.0, inf]"),
+        (
+            ("walls", "--wrench", "0,0,-99999"),
+            "--wrench: expected a force of at most 9810 N, 100 times the weight and beyond any posture, "
+            "got 1e+05 N",
+        ),
     ],
 )
 def test_bad_input_is_one_line_before_any_work(arguments, message, refusal, tmp_path):
