@@ -162,7 +162,8 @@ ViaKey = Annotated[Annotated[Point, Tag(PLAIN)] | Annotated[ViaSpec, Tag(MADE_UP
 
 
 class BodySpec(_Keys):
-    """How far the COM may be from its nominal path, and at the first and last frame; and the largest body rotation."""
+    """How far the COM may be from its nominal path, and at the first and last frame; and the largest body rotation. Of
+    a robot of a file the former is a fifth of its height where that is more, and the latter 0.1 rad for plans."""
 
     com_radius_m: Least = 0.06
     first_radius_m: Least = 0.02
