@@ -13,7 +13,7 @@ from referee import BrokenFile, KeyFrames, Push, Settings, Wrong, pushed, read
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.verify.margins import stance_margins
 
-DIRECTIONS = 8
+TURNS_DEG = (0.0, 180.0, 90.0, 270.0, 45.0, 225.0, 135.0, 315.0)
 MOST = 1.3
 """What the verifier says should not be above what is held by more than this factor."""
 
@@ -38,49 +38,65 @@ def drawn(every: Sequence[tuple[Path, int]], count: int, seed: int) -> dict[Path
 
 
 def rows(
-    file: Path, which: Sequence[int], lines: Lines, settings: Settings, wrong: Wrong, most: float
+    file: Path,
+    which: Sequence[int],
+    lines: Lines,
+    settings: Settings,
+    wrong: Wrong,
+    most: float,
+    whole: bool,
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """The pushes of a file's stances whose lines are missing, by the key of their line.
 
     Arguments:
         file: a plan.
         which: of its stances.
-        lines: what is there already.
+        lines: what is there already; the caller adds every row before it asks for the next.
         settings: the referee's.
         wrong: what is not as the file has it.
         most: largest push, in units of the weight.
+        whole: push in every direction until it falls; or no farther than what was held in the worst one so far.
     """
     played = read(file)
     weight_n = played.robot.mass_kg * played.gravity_m_s2
-    turns = [360.0 * count / DIRECTIONS for count in range(DIRECTIONS)]
-    asked = {
-        key: Push(most_n=most * weight_n, towards_deg=deg, stance=stance)
+    missing = [
+        (stance, deg, key)
         for stance in which
-        for deg in turns
-        if (key := f"{file.parents[1].name}/{file.stem}:{stance}:{deg:.0f}") not in lines.rows
-    }
-    if not asked:
+        for deg in TURNS_DEG
+        if (key := key_of(file, stance, deg)) not in lines.rows
+    ]
+    if not missing:
         return
     said = said_n(file)
-    heads = {
-        key: {
+
+    def asked() -> Iterator[Push]:
+        for stance, deg, _ in missing:
+            known = [lines.rows.get(key_of(file, stance, turn), {}) for turn in TURNS_DEG]
+            held = [row["held_n"] for row in known if "held_n" in row]
+            most_n = most * weight_n if whole else min([most * weight_n, *held])
+            yield Push(most_n=most_n, towards_deg=deg, stance=stance)
+
+    found = pushed(file, settings, wrong, asked())
+    for stance, deg, key in missing:
+        head = {
             "file": file.stem,
-            "stance": push.stance,
-            "towards_deg": push.towards_deg,
-            "said_n": round(said[int(push.stance)], 3),
+            "stance": stance,
+            "towards_deg": deg,
+            "said_n": round(said[stance], 3),
             "weight_n": round(weight_n, 2),
             "settings": settings.sha256[:8],
             "wrong": wrong.said(),
         }
-        for key, push in asked.items()
-    }
-    held = pushed(file, settings, wrong, tuple(asked.values()))
-    for key, head in heads.items():
         try:
-            yield key, head | next(held).json()
+            yield key, head | next(found).json()
         except BrokenFile as error:
             yield key, head | {"broken": str(error)}
             return
+
+
+def key_of(file: Path, stance: int, deg: float) -> str:
+    """What a line is known by."""
+    return f"{file.parents[1].name}/{file.stem}:{stance}:{deg:.0f}"
 
 
 def said_n(file: Path) -> list[float]:
@@ -111,7 +127,7 @@ def summary(lines: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         count[key] = count.get(key, 0) + 1
         if key not in worst or row["held_n"] < worst[key]["held_n"]:
             worst[key] = dict(row)
-    whole = [row for key, row in worst.items() if count[key] == DIRECTIONS]
+    whole = [row for key, row in worst.items() if count[key] == len(TURNS_DEG)]
     said, held, weight = (
         np.array([row[name] for row in whole]) for name in ("said_n", "held_n", "weight_n")
     )

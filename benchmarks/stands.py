@@ -158,13 +158,17 @@ class Pushes(Options):
     feedback: bool = True
     most_share: float = 1.0
     """Largest push, in units of the weight."""
+    whole: bool = False
+    """Push in every direction until it falls, and not only as far as the worst direction so far."""
 
     def run(self) -> None:
         """Push the stances that are drawn by seed, and sum up all lines there are."""
         lines, settings, wrong = Lines(self.out), read_settings(), Wrong(feedback=self.feedback)
         chosen = pushes.drawn(pushes.stances(found_files(self.paths)), self.stances, self.seed)
         for file, which in chosen.items():
-            for key, row in pushes.rows(file, which, lines, settings, wrong, self.most_share):
+            for key, row in pushes.rows(
+                file, which, lines, settings, wrong, self.most_share, self.whole
+            ):
                 self.say(lines.add(key, row))
         self.say(pushes.summary(list(lines.rows.values())), pushes.line)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -89,7 +89,7 @@ def play(
 
 
 def pushed(
-    path: str | Path, settings: Settings, wrong: Wrong, pushes: Sequence[Push]
+    path: str | Path, settings: Settings, wrong: Wrong, pushes: Iterable[Push]
 ) -> Iterator[Row]:
     """Push stances of a file one after another, each until it falls.
 
@@ -97,7 +97,7 @@ def pushed(
         path: a plan or a walk.
         settings: the referee's.
         wrong: what is not as the file has it.
-        pushes: the motion is prepared once for all of them.
+        pushes: the motion is prepared once for all of them, and each is asked for when the one before it ended.
     Raises:
         BrokenFile: in one line, for what cannot be played.
     """
