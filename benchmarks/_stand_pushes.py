@@ -13,7 +13,7 @@ from referee import BrokenFile, KeyFrames, Push, Settings, Wrong, pushed, read
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.verify.margins import stance_margins
 
-TURNS_DEG = (0.0, 180.0, 90.0, 270.0, 45.0, 225.0, 135.0, 315.0)
+TURNS_DEG = (90.0, 270.0, 45.0, 225.0, 135.0, 315.0, 0.0, 180.0)
 MOST = 1.3
 """What the verifier says should not be above what is held by more than this factor."""
 

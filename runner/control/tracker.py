@@ -168,11 +168,11 @@ class Tracker:
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
             return
-        moving = self._moving(sample.arms_m, stands)
+        feels = stands & (np.einsum("ij,ij->i", forces_n, sample.normals) >= self._feedback.touch_n)
+        moving = self._moving(sample.arms_m, feels)  # a dead sensor asks for no more, and balances nothing
         if self._found is not None and hangs.any():  # what is outside the cones would be summed up for ever
             wanted = self._body.planned(sample, stands)
-        feels = np.einsum("ij,ij->i", forces_n, sample.normals) >= self._feedback.touch_n
-        gap = np.where((hangs & feels)[:, None], wanted - forces_n, 0.0).ravel()  # a dead sensor asks for no more
+        gap = np.where((hangs & feels)[:, None], wanted - forces_n, 0.0).ravel()
         pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
         kept = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)

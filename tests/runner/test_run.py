@@ -327,7 +327,7 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
     ):
         with pytest.raises(InvalidInput, match=said):
             make_world(name, course.robot)
-    with pytest.raises(InvalidInput, match="none.yaml: expected a file, found nothing there"):
+    with pytest.raises(InvalidInput, match=r"none\.yaml: expected a file, found nothing there"):
         make_world("mujoco", course.robot, setup=tmp_path / "none.yaml")
 
 

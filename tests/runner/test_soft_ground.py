@@ -11,7 +11,12 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain.patch import Patch
+from stancekit.runner.acceptance import Accepted
+from stancekit.runner.run import Runner
+from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import SoftContact, WorldSettings, make_world
 from stancekit.runner.worlds.contact import SimulationSetup
 from stancekit.runner.worlds.world import Ground, State, Terrain, World
@@ -192,3 +197,22 @@ def test_worlds_of_other_people_without_soft_ground_are_made_as_before() -> None
 
     with Plain.make(WorldSettings(robot=robot(OF))) as world:
         assert world.contact is None
+
+
+@pytest.mark.parametrize("name", list(MODULES))
+def test_feet_that_feel_hold_a_robot_between_walls_that_yield_and_joints_alone_do_not(
+    name: str,
+) -> None:
+    pytest.importorskip(MODULES[name])
+    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
+    assert plan is not None
+    accepted, soft = Accepted.verified(plan, "walls"), SoftContact(stiffness_n_m=2e4)
+    stood = []
+    for blind in (False, True):
+        world = make_world(name, plan.course.robot, contact=soft)
+        report = Runner(world, settings=RunSettings(blind=blind)).run(accepted)
+        stood.append(report.succeeded)
+        if not blind:
+            assert report.execution is not None
+            assert report.execution.body_worst_m < 0.01
+    assert stood == [True, False]
