@@ -225,6 +225,15 @@ class WeightSpec(_Keys):
     stance: Least = 0.0
 
 
+class WrenchSpec(_Keys):
+    """A force and a moment on the body beside its weight, in the axes of the world."""
+
+    force_n: Point = (0.0, 0.0, 0.0)
+    moment_nm: Point = (0.0, 0.0, 0.0)
+    at_m: Point = (0.0, 0.0, 0.0)
+    frames: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)] | None = None
+
+
 class CourseSpec(_Keys):
     """A course as a person writes it.
 
@@ -235,6 +244,8 @@ class CourseSpec(_Keys):
     the goal. Without it the frames are spread evenly from start to goal.
 
     push_n: horizontal push at the centre of mass that every stance has to bear in every direction.
+
+    wrench: what is on the body beside its weight, all of it added up.
 
     mass_kg: of the robot with all that it carries, in place of its own; of a robot's file the body has the difference.
     """
@@ -254,6 +265,7 @@ class CourseSpec(_Keys):
     weights: WeightSpec = WeightSpec()
     candidates: CandidateSpec = CandidateSpec()
     push_n: Least = 0.0
+    wrench: list[WrenchSpec] = []
     terrain: AnyTerrain
     _given: Robot | None = PrivateAttr(None)
 

@@ -20,6 +20,7 @@ from .candidates import CandidatePatches, NoFooting, NoPlace
 from .course_keys import CourseSpec, StanceSpec
 from .problem import Foothold, Problem, Weights
 from .toe_offset import toe_offset
+from .wrench import at_point
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -68,8 +69,21 @@ def build_course(
         next_lift=turns[(spec.frames - 1) % len(turns)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
         steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),
         tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames), push_n=spec.push_n,
-        standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None,
+        standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None, wrench=_wrench(spec),
     )  # fmt: skip
+
+
+def _wrench(spec: CourseSpec) -> Array | None:
+    """What is on the body beside its weight at each frame, shape (M, 6); None for nothing. Raises InvalidInput."""
+    total = np.zeros((spec.frames, 6))
+    for index, each in enumerate(spec.wrench):
+        frames = range(spec.frames) if each.frames is None else each.frames
+        if max(frames) >= spec.frames:
+            raise InvalidInput(
+                f"wrench[{index}].frames: expected key frames from 0 to {spec.frames - 1}, got {max(frames)}"
+            )
+        total[list(set(frames))] += at_point(each.force_n, each.moment_nm, each.at_m)
+    return total if total.any() else None
 
 
 def _standing(spec: CourseSpec, robot: Robot, passed: NDArray[np.int_]) -> Array:
