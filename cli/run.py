@@ -226,7 +226,7 @@ class RunMotion:
 
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         given: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
-        limits = {} if self.least_push is None else {"least_push": self.least_push}
+        limits: dict[str, Any] = {} if self.least_push is None else {"least_push": self.least_push}
         return RunSettings(
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
             blind=self.blind, odometry=self.odometry, friction_share=self.friction_share, loop=LoopSettings(**given),

@@ -147,11 +147,12 @@ def laid_between(
 
 def _way(patches: Sequence[Patch], toes: Array, reach_m: float, ends_m: Array, robot: Robot) -> Array:
     """Points of the shortest way between two places, shape (L, 3) [m]. Raises NoPlace and PlanningFailed."""
+    start, goal = ends_m
     try:
-        return _Lattice.over(patches, toes, reach_m, APART[0]).way(*ends_m, robot)
+        return _Lattice.over(patches, toes, reach_m, APART[0]).way(start, goal, robot)
     except (NoPlace, PlanningFailed) as error:
         try:
-            return _Lattice.over(patches, toes, reach_m, APART[1]).way(*ends_m, robot)
+            return _Lattice.over(patches, toes, reach_m, APART[1]).way(start, goal, robot)
         except (NoPlace, PlanningFailed):
             raise error from None
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -98,7 +99,7 @@ def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | st
     if corners is None:
         return "expected corners around a volume, got a flat one"
 
-    def made() -> dict[str, Array]:
+    def made() -> dict[str, Any]:
         from .convex_parts import convex_parts  # loads scipy
 
         each = (hull_corners(part) for part in convex_parts(mesh.vertices_m, mesh.faces))

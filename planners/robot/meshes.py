@@ -79,15 +79,15 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
     except InvalidInput:
         return None
 
-    def made() -> dict[str, Array] | None:
+    def made() -> dict[str, Any] | None:
         found = thinned_mesh(path, scale, most, cached=False)
-        return found and {"vertices": np.float32(found.vertices_m), "faces": np.int32(found.faces)}
+        return None if found is None else {"vertices": np.float32(found.vertices_m), "faces": np.int32(found.faces)}
 
     return kept(said, made, lambda arrays: _checked(arrays["vertices"], arrays["faces"]))
 
 
 def kept(
-    said: bytes, make: Callable[[], dict[str, Array] | None], read: Callable[[Mapping[str, Array]], Value]
+    said: bytes, make: Callable[[], dict[str, Any] | None], read: Callable[[Mapping[str, Array]], Value]
 ) -> Value | None:
     """What is read out of arrays that were kept for a mesh, or else made, and kept; None where there are none.
 
