@@ -78,13 +78,10 @@ def check_log(log: Path, others: Mapping[str, Path | str | None]) -> None:
 
 
 def wrench_numbers(text: str | None) -> tuple[float, ...] | None:
-    """The numbers of an option, 3 or 6; None where it was not given. Raises InvalidInput."""
-    from stancekit.planners.problem.wrench import wrench_of
-
+    """The numbers of a force and a moment on the body; None where the option was not given. Raises InvalidInput."""
     if text is None:
         return None
     try:
-        numbers = [float(part) for part in text.split(",")]
+        return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise InvalidInput(f"wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got {text!r:.80}") from None
-    return tuple(wrench_of(numbers).tolist())

@@ -281,6 +281,9 @@ class PlanCourse:
             yield f"planned with {100 * share:.0f} % of the friction"
         if press := plan.provenance.get("press_share"):
             yield f"every foot that carries presses with {100 * press:.0f} % of the weight or more"
+        if (wrench := plan.course.wrench) is not None:
+            force_n, moment_nm = (float((part**2).sum(axis=1).max() ** 0.5) for part in (wrench[:, :3], wrench[:, 3:]))
+            yield f"carries up to {force_n:.3g} N and {moment_nm:.3g} Nm on the body beside its weight"
         if layout := plan.provenance.get("layout"):
             yield f"laid out in another way than asked for, over which no plan was accepted: {layout}"
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.figures['goal_m']:.0f} mm from the goal"

@@ -138,7 +138,7 @@ class RunMotion:
         with as_options("world"):
             kind = WORLDS.get(self.world)
         self._check(kind)
-        with as_options("speed_rad_s", "friction_share", "least_push", "wrench"):
+        with as_options("speed_rad_s", "friction_share", "least_push"):
             settings = self._settings()
         request, policy, led = self._request(), None, self.policy is not None
         with as_options("friction_share", "wrench", "blind", "policy"):
@@ -227,10 +227,13 @@ class RunMotion:
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         given: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
         limits: dict[str, Any] = {} if self.least_push is None else {"least_push": self.least_push}
+        with as_options("wrench"):
+            wrench = RunSettings(wrench=wrench_numbers(self.wrench)).wrench
         return RunSettings(
+            wrench=wrench,
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
             blind=self.blind, odometry=self.odometry, friction_share=self.friction_share, loop=LoopSettings(**given),
-            wrench=wrench_numbers(self.wrench), **limits,
+            **limits,
         )  # fmt: skip
 
     def _estop(self) -> EstopCheck:

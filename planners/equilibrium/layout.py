@@ -56,7 +56,8 @@ class Layout:
     @cached_arrays
     def _hash(self) -> int:
         """Programs are looked up by it at every solve."""
-        return hash((self.holds, self.stances, self.corners, self.reach_rows, self.points, self.relative, self.pushes))
+        feet = self.holds, self.stances, self.corners, self.reach_rows, self.points, self.relative
+        return hash((*feet, self.pushes, self.wrench))
 
     @property
     def frames(self) -> int:

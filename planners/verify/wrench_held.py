@@ -9,7 +9,8 @@ A stance is asked alone, with the multiple σ of its wrench, whatever the robot 
     ‖p − c − s − Θ × s‖ ≤ ρ, ‖c − c_nominal‖ ≤ radius, |Θ| ≤ tilt                                                  (11)
 
 That is the lift of the stance, which every posture is in: where it has no point for some σ, no posture holds so much.
-It has one for σ = 0 and every σ below the largest, which is found by halving.
+The multiples that it has one for are an interval from 0, but for what the small way of c adds to c × σ F; its end is
+found by halving. Half-spaces of reach are left out, which leaves the end no lower.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def least_held(numbers: Numbers, patches: Sequence[Array]) -> WrenchHeld | None:
 
 
 class _Lift:
-    """The lift of one stance; columns are λ, c, Θ and the forces f_u, one for every vertex under a contact."""
+    """The lift of one stance; its columns are λ, c, Θ and f_u for every vertex under a contact."""
 
     def __init__(self, numbers: Numbers, patches: Sequence[Array], stance: int) -> None:
         assert numbers.wrench is not None

@@ -93,6 +93,11 @@ class MujocoWorld(SimulatedWorld):
         forces, bump = self._felt_of(contacts)
         return self._state(forces / self._substeps, bump / self._substeps)
 
+    def close(self) -> None:
+        """Drop the model."""
+        self._model = self._data = None
+        self._views = ()
+
     def _step(self) -> None:
         """A step of physics. A foot's points on soft ground share its stiffness and damping, so that those of heights,
         which MuJoCo meets cell by cell, are no stiffer than one."""
@@ -119,11 +124,6 @@ class MujocoWorld(SimulatedWorld):
         found[3:] += cross(arm, self._carried[:3])
         found[:3] += self.imperfections.pushed_n(float(self._data.time))
         return found
-
-    def close(self) -> None:
-        """Drop the model."""
-        self._model = self._data = None
-        self._views = ()
 
     def _compiled(self, terrain: Terrain) -> Any:
         spec = self._spec(self.body.apart if self._touching is None else (*self.body.apart, *self._touching))

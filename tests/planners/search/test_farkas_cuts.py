@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.cuts import alone
 from stancekit.planners.search.farkas_cuts import MARGIN, FarkasCuts, of_stance, split
@@ -16,10 +20,18 @@ TORN = {"regions": 2, "ice": 0.5}
 LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
 
 
-def test_a_cut_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb, programs):
+def pulled(course: Problem, share: float) -> Problem:
+    """The course with another force and moment on the body at every frame, of up to this share of the weight."""
+    unit = course.weight_n * np.array([1.0, 1.0, 1.0, *(0.3 * course.length_scale_m,) * 3])
+    wrench = np.random.default_rng(7).uniform(-share, share, (course.frames, 6)) * unit
+    return replace(course, wrench=wrench) if share else course
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_cut_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb, programs, share):
     agreed = {True: 0, False: 0}
     for seed in range(6):
-        course = climb(seed, **TORN)
+        course = pulled(climb(seed, **TORN), share)
         scaled, rng = Scaled.of(course), np.random.default_rng(seed)
         for _ in range(4):
             choice = rng.integers(2, size=len(course.footholds))
@@ -61,10 +73,11 @@ def test_relief_is_the_share_that_the_kindest_candidates_take_from_every_cut_tha
     np.testing.assert_array_equal(cuts.relief(choice, closed), 0.0)
 
 
-def test_what_refutes_one_stance_alone_refutes_the_course(climb, programs):
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_what_refutes_one_stance_alone_refutes_the_course(climb, programs, share):
     refuted = 0
     for seed in range(4):
-        course = climb(seed, **TORN)
+        course = pulled(climb(seed, **TORN), share)
         scaled = Scaled.of(course)
         for choice in np.random.default_rng(seed).integers(2, size=(3, len(course.footholds))):
             cuts = FarkasCuts(scaled)
@@ -87,6 +100,7 @@ def test_on_odd_polygons_with_toes_that_stand_and_several_candidates_it_is_never
     said = {True: 0, False: 0}
     for seed in range(10):
         course = rough(seed, regions=3, ice=0.5) if seed % 2 else climb(seed, frames=3, regions=2, ice=0.6)
+        course = pulled(course, 0.2 * (seed % 3))
         scaled, rng = Scaled.of(course), np.random.default_rng(seed)
         lifted = solve_lift(programs, scaled, least_moment=False)
         if lifted.status is not ConicStatus.INFEASIBLE:

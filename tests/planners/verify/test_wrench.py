@@ -105,6 +105,8 @@ def test_a_table_holds_what_statics_says(name: str, friction: float, wrench: lis
         assert answer.certificate is not None, name
         assert check_certificate(answer.certificate).accepted
         assert stancekit.verify(answer.certificate).accepted
+        held = replace(answer.certificate, problem=problem.posture_with(wrench=0.999 * most * direction))
+        assert not check_certificate(held, tolerance=0.0).accepted  # whatever the multipliers: there is a posture
         why = explain(answer.certificate)
         unit = "N" if direction[:3].any() else "Nm"
         assert why.message.startswith("infeasible: holds ")
