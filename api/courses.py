@@ -23,6 +23,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_file import is_scene, read_course
 from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.wrench import wrench_of
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.contact_robot import Sets
 from stancekit.planners.robot.model import Robot
@@ -59,6 +60,7 @@ def plan(
     robot: Robot | str | Path | None = None,
     body: WholeBodyLimits = WholeBodyLimits(),
     push_n: float = 0.0,
+    wrench: Array | Sequence[float] | None = None,
     time_limit_s: float = 60.0,
     **old: Any,
 ) -> Answer[Plan]: ...
@@ -75,6 +77,7 @@ def plan(
     robot: Robot | str | Path | None = None,
     body: WholeBodyLimits = WholeBodyLimits(),
     push_n: float = 0.0,
+    wrench: Array | Sequence[float] | None = None,
     time_limit_s: float = 60.0,
     **old: Any,
 ) -> Answer[Plan] | Answer[LeapPlan]:
@@ -98,6 +101,9 @@ def plan(
         push_n: horizontal push at the centre of mass, in any direction, that every stance has to bear [N]; a course of
             its own may ask for more. Without one a plan that bears 5 % of the weight is sought, then 2.5 %, and the
             report says what it bears. "two-stage" alone, and *infeasible* is not said with it.
+        wrench: on the body beside its weight at every key frame, as of a payload, wind or a rope: a force at the centre
+            of mass [N], or that and a moment about it [Nm], in world axes, shape (3,) or (6,); added to what the course
+            has. Plans carry it, and *infeasible* is said with it.
         time_limit_s: for all of it, bending and judging included; what is not decided by then is undecided, and what
             there is so far is in the outcome [s]. A planner that was made before keeps to its own limit, too.
         old: settings of methods and limits as arguments, which is the old form.
@@ -125,12 +131,16 @@ def plan(
         beside_leap = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m, "frames": frames, "robot": robot, **old}
         if push_n:
             raise InvalidInput("push_n: expected none with a leap, whose stances are not pushed yet")
+        if wrench is not None:
+            raise InvalidInput("wrench: expected none with a leap, whose body bears nothing but its weight yet")
         if body != WholeBodyLimits():
             raise InvalidInput("body: expected none with a leap, whose joints and bodies are not judged yet")
         return _leap(course, method, beside_leap, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}")
-    beside = ("course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "push_n", "time_limit_s")
+    beside = (
+        "course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "push_n", "wrench", "time_limit_s"
+    )  # fmt: skip
     given = old_arguments("plan", old, OLD, beside) if old else {}
     called = "planner" if "planner" in given else "method"
     method = given.pop("planner", method)
@@ -153,11 +163,13 @@ def plan(
         assert not isinstance(method, LeapFinder)
         planner = through_verifier(method, "courses")
     push_n = checked_number(push_n, "push_n", least=0.0)
+    beside_weight = None if wrench is None else wrench_of(wrench)
     given_so = start_xy_m is None and isinstance(course, str | Path) and callable(question) and is_scene(course)
     layouts = (AS_ASKED,) if given_so else ALTERNATIVES
     return plan_course(
-        question, planner, shares=shares, limits=limits, push_n=push_n, layouts=layouts, deadline=deadline
-    )
+        question, planner, shares=shares, limits=limits, push_n=push_n, wrench=beside_weight, layouts=layouts,
+        deadline=deadline,
+    )  # fmt: skip
 
 
 def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: float) -> Answer[LeapPlan]:

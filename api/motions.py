@@ -163,6 +163,7 @@ def check_run(
     for wrong, message in (
         (settings.friction_share != 1.0 and not simulated,
          f"friction_share: expected a simulated world with it, got {name}"),
+        (settings.wrench is not None and not simulated, f"wrench: expected a simulated world with it, got {name}"),
         (settings.blind and (led or not simulated),
          f"blind: expected a plan or a gait in a simulated world with it, got {'a policy' if led else name}"),
         (led and kind == "recording", f"policy: expected a world that answers to what is done, got {name}"),

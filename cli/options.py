@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 OptionalPath: TypeAlias = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH")]  # noqa: UP045
 OptionalInt: TypeAlias = Annotated[Optional[int], tyro.conf.arg(metavar="INT")]  # noqa: UP045
 OptionalFloat: TypeAlias = Annotated[Optional[float], tyro.conf.arg(metavar="FLOAT")]  # noqa: UP045
+OptionalWrench: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="FX,FY,FZ[,MX,MY,MZ]")]  # noqa: UP045
 OptionalText: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="TEXT")]  # noqa: UP045
 LONGEST_S = 1e6
 
@@ -74,3 +75,16 @@ def check_log(log: Path, others: Mapping[str, Path | str | None]) -> None:
     for name, other in others.items():
         if other is not None and os.path.realpath(other) == os.path.realpath(log):
             raise InvalidInput(f"--log: expected a file of its own, got that of {name}: {log}")
+
+
+def wrench_numbers(text: str | None) -> tuple[float, ...] | None:
+    """The numbers of an option, 3 or 6; None where it was not given. Raises InvalidInput."""
+    from stancekit.planners.problem.wrench import wrench_of
+
+    if text is None:
+        return None
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InvalidInput(f"wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got {text!r:.80}") from None
+    return tuple(wrench_of(numbers).tolist())

@@ -15,7 +15,16 @@ from stancekit.planners.errors import InvalidInput
 from .between import Between
 from .console import as_options, complain, counted, emit, out, progress
 from .names import PROJECTION, named
-from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
+from .options import (
+    OptionalFloat,
+    OptionalInt,
+    OptionalPath,
+    OptionalText,
+    OptionalWrench,
+    check_drawn,
+    check_planner,
+    wrench_numbers,
+)
 from .plan_table import message_of, row, table_of
 from .robot_plan import bent_lines
 
@@ -37,6 +46,7 @@ SETTINGS = (
     "intervals",
     "max_solves",
     "push_n",
+    "wrench",
     "time_limit_s",
 )
 """What a planner's complaint may begin with that is an option here."""
@@ -101,6 +111,9 @@ class PlanCourse:
     push_n: float = 0.0
     """Horizontal push at the body, in any direction, that every stance has to bear [N]. Without it a plan that bears
     5 % of the weight is sought, then 2.5 %; what it bears is said. two-stage."""
+    wrench: OptionalWrench = None
+    """Force on the body beside its weight at every key frame [N], and moment about the centre of mass [Nm], in world
+    axes: a payload, wind, a rope. The plan carries it, and a course that nobody can climb with it is infeasible."""
     between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(default_factory=Between)
     """From where to where over a terrain's file."""
     clearance_m: float = 0.005
@@ -148,10 +161,11 @@ class PlanCourse:
             question = self.between.question(self.course, self.frames, self.robot, self.reach)
             asked = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
-            with as_options("push_n"):
+            with as_options("push_n", "wrench"):
                 outcome = plan(
-                    question, planner, **asked, body=limits, push_n=self.push_n, time_limit_s=left_s
-                )
+                    question, planner, **asked, body=limits, push_n=self.push_n, wrench=wrench_numbers(self.wrench),
+                    time_limit_s=left_s,
+                )  # fmt: skip
         course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)
@@ -187,6 +201,8 @@ class PlanCourse:
 
         check_planner(self, "planner", COURSE_METHODS, "courses")
         self._limits()
+        with as_options("wrench"):
+            wrench_numbers(self.wrench)
         if self.relaxation not in (None, "envelope"):  # as plans had p1
             from stancekit.planners.relaxation.table import RELAXATIONS
 

@@ -13,7 +13,16 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, err, out, progress
-from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_log
+from .options import (
+    OptionalFloat,
+    OptionalInt,
+    OptionalPath,
+    OptionalText,
+    OptionalWrench,
+    check_drawn,
+    check_log,
+    wrench_numbers,
+)
 from .run_film import film
 from .run_table import loop_table, run_table, unused
 from .stops import stop_sources
@@ -75,6 +84,9 @@ class RunMotion:
     least_push: Annotated[OptionalFloat, tyro.conf.arg(metavar="SHARE", help_behavior_hint="(default: 0.01)")] = None
     """Plans: every stance of a robot with legs of its own file has to bear a push of this share of the weight, in any
     direction; 0 runs all the same what is about to tip."""
+    wrench: OptionalWrench = None
+    """Simulations: force on the body beside its weight [N], and moment about the centre of mass [Nm], in world axes.
+    Without it what the plan was made for; 0,0,0 for none."""
     actuators: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
     """What turns the joints: XM540-W270, XM430-W350, or a file that says which joint has which. Without it: what the
     robot's own file says, or the device."""
@@ -126,10 +138,10 @@ class RunMotion:
         with as_options("world"):
             kind = WORLDS.get(self.world)
         self._check(kind)
-        with as_options("speed_rad_s", "friction_share", "least_push"):
+        with as_options("speed_rad_s", "friction_share", "least_push", "wrench"):
             settings = self._settings()
         request, policy, led = self._request(), None, self.policy is not None
-        with as_options("friction_share", "blind", "policy"):
+        with as_options("friction_share", "wrench", "blind", "policy"):
             try:
                 check_run(request, self.world, settings, led=led)
             except InvalidInput as error:
@@ -214,11 +226,11 @@ class RunMotion:
 
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         given: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
-        limits = {} if self.least_push is None else {"least_push": self.least_push}
+        limits: dict[str, Any] = {} if self.least_push is None else {"least_push": self.least_push}
         return RunSettings(
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
-            blind=self.blind, odometry=self.odometry, friction_share=self.friction_share,
-            loop=LoopSettings(**given), **limits,
+            blind=self.blind, odometry=self.odometry, friction_share=self.friction_share, loop=LoopSettings(**given),
+            wrench=wrench_numbers(self.wrench), **limits,
         )  # fmt: skip
 
     def _estop(self) -> EstopCheck:

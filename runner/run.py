@@ -20,6 +20,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.problem.wrench import wrench_between
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
@@ -152,6 +153,8 @@ class Runner:
         state = self.world.reset(terrain, first.angles_rad, first.origin_m, rotation)
         self.log.write("measurement", state_json(state))
         self.state, self._found = state, np.array(state.angles_rad)
+        if (wrench := self._carry(0.0)) is not None and wrench.any():
+            self.decide("wrench", f"{np.array2string(wrench, precision=4)} N and Nm on the body beside its weight")
         path = self._path(prepared, state, first.angles_rad)
         if self.world.real and not self.world.dry:
             self.decide("armed", "torque on, at the measured pose")
@@ -185,6 +188,7 @@ class Runner:
         felt, total = tracked.first.sample.forces_n, 0.0 if self._prepared is None else self._prepared.motion.last_frame
         while (target := tracked.next(felt, seen)) is not None:
             began = time.perf_counter()
+            self._carry(float(target.sample.frame))
             state = self.send(target.targets_rad, target.angles_rad, tracked.lean(target))
             record.add(target, state, began)
             if self._logs:
@@ -198,6 +202,17 @@ class Runner:
             if until(target, state):
                 return False
         return True
+
+    def _carry(self, frame: float) -> Array | None:
+        """Let a simulated body bear what is on it beside its weight at a key frame, or between two, and return that."""
+        wrench: Array | None = None
+        if self.settings.wrench is not None:
+            wrench = np.array(self.settings.wrench)
+        elif self._prepared is not None and isinstance(self._prepared.motion, PlanMotion):
+            wrench = wrench_between(self._prepared.motion.plan.course, frame)
+        if wrench is not None:
+            self.world.carry(wrench)
+        return wrench
 
     def send(self, targets: Array, planned: Array, lean: Array | None = None) -> State:
         """One command, logged. lean: as of ``SafeWorld.step``. Raises Stopped, HardwareFault."""

@@ -7,6 +7,7 @@ from typing import Literal
 
 from stancekit.planners.files.arrays import checked
 from stancekit.planners.motion.plan_motion import Timing
+from stancekit.planners.problem.wrench import wrench_of
 from stancekit.planners.verify.tipping import LEAST_PUSH
 
 from .control.body_feedback import BodyFeedback
@@ -42,6 +43,8 @@ class RunSettings:
         odometry: where the body is is taken from its joints and the feet that stand, and fed back, whatever the world
             measures.
         friction_share: simulations: the terrain has only this share of the friction that is counted on.
+        wrench: simulations: what is on the body beside its weight, a force at the centre of mass [N] and a moment about
+            it [Nm], in world axes, 3 or 6 numbers; None for what a plan says.
         stops: what stops it from outside, beside signals: functions that return why, or None.
         loop: how a policy plans anew on the way.
     Raises:
@@ -68,6 +71,7 @@ class RunSettings:
     blind: bool = False
     odometry: bool = False
     friction_share: float = 1.0
+    wrench: tuple[float, ...] | None = None
     stops: tuple[Source, ...] = ()
     loop: LoopSettings = field(default_factory=LoopSettings)
 
@@ -75,3 +79,5 @@ class RunSettings:
         checked(self.speed_rad_s, "speed_rad_s", above=0.0)
         checked(self.least_push, "least_push", least=0.0, most=1.0)
         checked(self.friction_share, "friction_share", above=0.0, most=1.0)
+        if self.wrench is not None:
+            object.__setattr__(self, "wrench", tuple(wrench_of(self.wrench).tolist()))

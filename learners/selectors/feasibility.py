@@ -288,7 +288,10 @@ def _put_back(known: Any, which: Index, learned: Any) -> None:
 
 
 def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:
-    """The problems. Raises InvalidInput unless there are any, all with as many contacts and vertices a patch."""
+    """The problems. Raises InvalidInput unless there are any, all with as many contacts and vertices a patch, and none
+    with a wrench on its body, of which witnesses and certificates that are kept know nothing."""
+    if any(problem.layout.wrench for problem in problems):
+        raise InvalidInput("problems: expected bodies that bear their weight alone, got a wrench")
     sizes = sorted({problem.size for problem in problems})
     if len(sizes) != 1:
         raise InvalidInput(f"problems: expected some, all of one size (contacts, vertices), got sizes {sizes}")

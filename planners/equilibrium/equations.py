@@ -154,10 +154,12 @@ class PlanVariables:
     def net(self, moments: cp.Expression, stance: Index) -> cp.Expression:
         """Net moment about c of every stance (E6), shape (S, 3), from the moments p_w × f about the origin.
 
-        Σ f is fixed to the weight (E5), so that it is Σ p_w × f − c × w e_z, linear in c.
+        Σ f is fixed to the weight (E5), so that it is Σ p_w × f − c × w e_z, linear in c; with a force F and a moment M
+        on the body Σ p_w × f − c × (w e_z − F) + M.
         """
         borne = _borne(self.scaled)
-        return added(moments, stance, len(self.layout.stances)) - cross(self.com[self.layout.stance_frames], borne)
+        found = added(moments, stance, len(self.layout.stances)) - cross(self.com[self.layout.stance_frames], borne)
+        return found + self.scaled.wrench[:, 3:] if self.layout.loaded else found
 
     def objective(self) -> cp.Expression:
         """Σ of squares: the last c to the goal, c to its nominal path, Θ, and the steps of c and of the toes (§II)."""
@@ -216,16 +218,16 @@ class ContactForces:
         return {"most": self.forces <= cp.multiply(share, high), "least": cp.multiply(share, low) <= self.forces}
 
     def balance(self) -> Terms:
-        """Σ f = w e_z in every stance (E5)."""
+        """Σ f = w e_z in every stance (E5), less the force on the body."""
         borne = _borne(self._scaled)
         return {"balance": added(self.world, self.stance, len(self._scaled.layout.stances)) - borne == 0}
 
 
 def _borne(scaled: Scaled) -> Any:
-    """What the contacts of every stance bear, shape (S, 3): the weight, which may be a parameter, less a push."""
-    if scaled.layout.pushes:
-        return scaled.borne
-    return scaled.weight * np.tile([0.0, 0.0, 1.0], (len(scaled.layout.stances), 1))
+    """The sum of the contacts' forces in every stance, shape (S, 3): the weight, less the force on the body, both of
+    which may be parameters."""
+    weight = scaled.weight * np.tile([0.0, 0.0, 1.0], (len(scaled.layout.stances), 1))
+    return weight - scaled.wrench[:, :3] if scaled.layout.loaded else weight
 
 
 def within(moment: cp.Expression) -> tuple[cp.Expression, Terms]:
@@ -243,7 +245,8 @@ class Products:
     """
 
     def __init__(self, plan: PlanVariables, forces: ContactForces, axes: Axes) -> None:
-        layout = self._layout = plan.layout
+        layout, self._twisted = plan.layout, plan.scaled.wrench[:, 3:] if plan.layout.loaded else None
+        self._layout = layout
         contacts, first = len(layout.contacts[0]), np.searchsorted(layout.candidate_footholds, layout.contacts[2])
         self._axes = np.tile(np.eye(3), (contacts, 1, 1)) if axes == "world" else plan.scaled.frames[first]
         self.position = cp.Variable((contacts, 3), name="position")
@@ -261,10 +264,11 @@ class Products:
         return dict(self._sums)
 
     def terms(self) -> Terms:
-        """The sums, and Σ m = 0 in every stance (E9)."""
+        """The sums, and Σ m = 0 in every stance (E9), or −M with a moment M on the body."""
         by_p = [rotated(self._axes, self.moments[:, 3 * j : 3 * j + 3]) for j in range(3)]  # p_j F
         moment = cp.vstack([by_p[i][:, j] - by_p[j][:, i] for i, j in ((1, 2), (2, 0), (0, 1))]).T
-        return {**self._sums, "moment": added(moment, self._layout.contacts[0], len(self._layout.stances)) == 0}
+        net = added(moment, self._layout.contacts[0], len(self._layout.stances))
+        return {**self._sums, "moment": net + self._twisted == 0 if self._layout.loaded else net == 0}
 
 
 def mccormick(

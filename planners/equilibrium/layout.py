@@ -35,6 +35,7 @@ class Layout:
     linear: how many further rows a step of the body has (``problem.limits.LINEAR``).
     stands: whether toes are drawn to where they are as the robot stands (``Weights.stance``).
     pushes: how often all stances come again at the end, with the same feet and a push that they bear.
+    wrench: whether forces and moments in any direction are on the body beside its weight, not pushes alone.
     relative: (limb, other, how many half-spaces) of every pair of feet whose distance is limited where the limb moves.
     """
 
@@ -47,6 +48,7 @@ class Layout:
     linear: int = 0
     pushes: int = 0
     stands: bool = False
+    wrench: bool = False
 
     def __hash__(self) -> int:
         return self._hash
@@ -70,6 +72,11 @@ class Layout:
     def footholds(self) -> int:
         """P."""
         return len(self.corners)
+
+    @property
+    def loaded(self) -> bool:
+        """Whether the body bears anything beside its weight: ``Scaled.wrench`` then has a row for every stance."""
+        return self.wrench or self.pushes > 0
 
     @property
     def unpushed(self) -> int:

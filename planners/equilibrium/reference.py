@@ -65,12 +65,12 @@ def joint(scaled: Scaled, box: ContactBox, about: Point | None, *, price: float 
     contact, vertex = layout.contact_vertices
     products = Products(plan, forces, "contact")
     margin = cp.Variable(1, name="margin")
-    up = scaled.weight * plan.com[layout.stance_frames]
+    com = plan.com[layout.stance_frames]
     linked = []
     for j in range(3):  # of p; the rows are the axes of R f
         lifted = added(cp.multiply(scaled.vertices[vertex][:, j : j + 1], forces.world), stance[contact], count)
         relaxed = rotated(scaled.contact_frames, products.parts[2][:, 3 * j : 3 * j + 3])
-        linked.append(lifted - added(relaxed, stance, count) - cp.vstack([0 * up[:, j], 0 * up[:, j], up[:, j]]).T)
+        linked.append(lifted - added(relaxed, stance, count) - cp.multiply(com[:, j : j + 1], scaled.borne))
     moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
     terms = {
         **_on_toes(plan), **_on_forces(forces), **products.sums(), "moment": moment == 0,

@@ -55,9 +55,9 @@ class Scaled:
     weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
     of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
     linear: further rows of a step of the body, see ``StepLimits.linear_rows``.
-    weights: of the objective, None for a posture, which has none. pushes: horizontal force on the body at the centre of
-    mass in each stance, shape (S, 3); without any (0, 3). standing: from the centre of mass to each toe as the robot
-    stands, a row for each of ``Layout.standing``, (T, 3); without any (0, 3).
+    weights: of the objective, None for a posture, which has none. wrench: on the body beside its weight in each stance,
+    force and moment about the centre of mass, shape (S, 6); without any (0, 6). standing: from the centre of mass to
+    each toe as the robot stands, a row for each of ``Layout.standing``, (T, 3); without any (0, 3).
     """
 
     layout: Layout
@@ -85,7 +85,7 @@ class Scaled:
     offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
     relative: RelativeHalfSpaces = field(default_factory=RelativeHalfSpaces.none)
     linear: Array = field(default_factory=lambda: np.zeros((0, 7)))
-    pushes: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    wrench: Array = field(default_factory=lambda: np.zeros((0, 6)))
     standing: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
@@ -223,9 +223,14 @@ class Scaled:
 
     @cached_property
     def borne(self) -> Array:
-        """What the contacts of every stance bear in all: the weight, less the push on the body; shape (S, 3)."""
+        """The sum of the contacts' forces in every stance: the weight, less the force on the body; shape (S, 3)."""
         weight = np.tile([0.0, 0.0, self.weight], (len(self.layout.stances), 1))
-        return weight - self.pushes if self.layout.pushes else weight
+        return weight - self.wrench[:, :3] if self.layout.loaded else weight
+
+    @cached_property
+    def twisted(self) -> Array:
+        """The moment on the body about the centre of mass in every stance, shape (S, 3)."""
+        return self.wrench[:, 3:] if self.layout.loaded else np.zeros((len(self.layout.stances), 3))
 
     def in_world(self, forces: Array) -> Array:
         """Forces of the stance contacts turned from contact frames to the world; one candidate a foothold; (B, 3)."""

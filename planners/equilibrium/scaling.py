@@ -40,10 +40,11 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
             stands=course.weights is not None and course.weights.stance > 0.0,
         )
     )
-    pushes = _pushes(course, len(layout.stances))
-    if len(pushes):
-        copies = len(pushes) // len(layout.stances) - 1
-        layout = replace(layout, stances=layout.stances * (1 + copies), pushes=copies)
+    wrench = _wrench(course, layout)
+    if len(wrench):
+        copies = len(wrench) // len(layout.stances) - 1
+        stances = layout.stances * (1 + copies)
+        layout = replace(layout, stances=stances, pushes=copies, wrench=course.wrench is not None)
     direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
     low, high = course.force_bounds
     under = layout.contacts[2]
@@ -73,7 +74,7 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
         offsets=offsets,
         relative=RelativeHalfSpaces.of(course.robot, scale),
         linear=linear,
-        pushes=pushes,
+        wrench=wrench,
         standing=_standing(course, layout),
     )
 
@@ -97,13 +98,22 @@ def _standing(course: Problem, layout: Layout) -> Array:
     return course.standing_m[frame, limb] / course.length_scale_m
 
 
-def _pushes(course: Problem, stances: int) -> Array:
-    """``Scaled.pushes`` of a course: first none, then the corners of a square about the disc of pushes it asks for."""
-    if course.push_n == 0.0:
-        return np.zeros((0, 3))
+def _wrench(course: Problem, layout: Layout) -> Array:
+    """``Scaled.wrench`` of a course: its own, and then with the corners of a square about the disc of pushes that it
+    asks for, each on all stances."""
     corner = np.sqrt(2.0) * course.push_n / course.force_n
-    corners = corner * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=np.float64)
-    return np.repeat(corners, stances, axis=0)
+    corners = [(0.0, 0.0), (corner, 0.0), (0.0, corner), (-corner, 0.0), (0.0, -corner)]
+    if course.push_n == 0.0:
+        if course.wrench is None:
+            return np.zeros((0, 6))
+        corners = corners[:1]
+    own = np.zeros((len(layout.stances), 6))
+    if course.wrench is not None:
+        unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
+        own = (course.wrench / unit)[layout.stance_frames]
+    found = np.tile(own, (len(corners), 1))
+    found[:, :2] += np.repeat(corners, len(own), axis=0)
+    return found
 
 
 def _offsets(each: Sequence[Array], length_m: float) -> tuple[tuple[int, ...], Array]:

@@ -237,12 +237,13 @@ class Forces:
             self._side("least", -1.0, axes, "scaled.force_min")
 
     def balance(self) -> None:
-        """Σ f = w e_z in every stance (E5), less the push on the body where there is one."""
+        """Σ f = w e_z in every stance (E5), less the force on the body where there is one."""
         net = self._rows.equal("balance", len(self._layout.stances), 3)
         self._rows.put(net[self.stance][:, :, None], self.columns[:, None, :], Of("scaled.frames", self.candidate))
         self._rows.right(net[:, 2], Of("scaled.weight"))
-        if self._layout.pushes:
-            self._rows.right(net[:, :2], -Of("scaled.pushes", (slice(None), slice(2))))
+        if self._layout.loaded:
+            axes = slice(3) if self._layout.wrench else slice(2)  # pushes are level
+            self._rows.right(net[:, axes], -Of("scaled.wrench", (slice(None), axes)))
 
     def _side(self, name: str, sign: float, axes: list[int], bound: str) -> None:
         """sign · f ≤ sign · share · bound, for these components; bound: of the stance contacts, shape (B, 3)."""
@@ -259,6 +260,7 @@ class Moments:
     """Net moments about the COM of every stance, hard or within a slack (E6, E9): a list of linear parts, added up.
 
     Σ f is fixed to the weight, so the moment about the moving centre of mass is Σ p_w × f − w c × e_z, linear in c.
+    With a force F and a moment M on the body it is Σ p_w × f − c × (w e_z − F) + M.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -276,7 +278,7 @@ class Moments:
         self._parts.append((stance, columns, values))
 
     def of_weight(self, body: BodyVariables) -> None:
-        """−w c × e_z = −w (c_y, −c_x, 0); with a push F at the body −c × (w e_z − F)."""
+        """−w c × e_z = −w (c_y, −c_x, 0); with a force F and a moment M on the body −c × (w e_z − F) + M."""
         self._com = body.com[self._layout.stance_frames]
 
     def shift(self, values: Fill[Given]) -> None:
@@ -301,12 +303,18 @@ class Moments:
     def _put(self, rows: Rows[Given], net: Index, sign: float) -> None:
         for stance, columns, values in self._parts:
             rows.put(net[stance][:, :, None], columns[:, None, :], _times(sign, values))
-        if self._com is not None:
+        if self._com is not None and self._layout.wrench:  # −c × (w e_z − F) + M
+            for axis in range(3):
+                after, last = (axis + 1) % 3, (axis + 2) % 3
+                rows.put(net[:, axis], self._com[:, after], -sign * Of("scaled.borne", (slice(None), last)))
+                rows.put(net[:, axis], self._com[:, last], sign * Of("scaled.borne", (slice(None), after)))
+            rows.right(net, -sign * Of("scaled.twisted"))
+        elif self._com is not None:
             rows.put(net[:, 0], self._com[:, 1], -sign * Of("scaled.weight"))
             rows.put(net[:, 1], self._com[:, 0], sign * Of("scaled.weight"))
             if self._layout.pushes:  # −c × (w e_z − F), the part of F
                 for row, column, axis, turn in ((0, 2, 1, -1.0), (1, 2, 0, 1.0), (2, 0, 1, 1.0), (2, 1, 0, -1.0)):
-                    rows.put(net[:, row], self._com[:, column], sign * turn * Of("scaled.pushes", (slice(None), axis)))
+                    rows.put(net[:, row], self._com[:, column], sign * turn * Of("scaled.wrench", (slice(None), axis)))
         for offset in self._offsets:
             rows.right(net, _times(-sign, offset))
 

@@ -62,6 +62,7 @@ def course_to_json(course: Problem) -> dict[str, Any]:
         "weights": _weights_to_json(course),
         **({} if course.standing_m is None else {"standing_m": course.standing_m.tolist()}),
         **({"push_n": course.push_n} if course.push_n else {}),
+        **({} if course.wrench is None else {"wrench": course.wrench.tolist()}),
         "modes": None if course.modes is None else list(course.modes),
     }
 
@@ -86,6 +87,7 @@ def course_from_json(data: Mapping[str, Any]) -> Problem:
         lifts=tuple(tuple(lifted) for lifted in raw.lifts), next_lift=tuple(raw.next_lift),
         modes=None if raw.modes is None else tuple(raw.modes), force_scale_n=raw.force_scale_n, push_n=raw.push_n,
         standing_m=None if raw.standing_m is None else _standing(raw.standing_m, len(raw.lifts), robot),
+        wrench=None if raw.wrench is None else read_only(raw.wrench, (len(raw.lifts), 6), "wrench"),
         **{name: getattr(raw, name) for name in (*_ARRAYS, *_NUMBERS)},
     )  # fmt: skip
 
@@ -283,3 +285,4 @@ class _CourseJson(_Keys):
     modes: list[int] | None
     push_n: float = 0.0
     standing_m: list[list[list[float]]] | None = None
+    wrench: list[list[float]] | None = None

@@ -20,6 +20,7 @@ from .candidates import CandidatePatches, NoFooting, NoPlace
 from .course_keys import CourseSpec, StanceSpec
 from .problem import Foothold, Problem, Weights
 from .toe_offset import toe_offset
+from .wrench import at_point
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -49,7 +50,7 @@ def build_course(
     placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach
     if robot.source.own and sets == "outer" and not spec.candidates.everywhere:
         placed_by = spec.make_robot(model)
-    spec = alternative.of(spec.standing(model, placed_by), placed_by)
+    spec = alternative.of(spec.standing(model, placed_by, sets), placed_by)
     spec = _started(spec, placed_by, folder)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
@@ -68,8 +69,21 @@ def build_course(
         next_lift=turns[(spec.frames - 1) % len(turns)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
         steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),
         tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames), push_n=spec.push_n,
-        standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None,
+        standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None, wrench=_wrench(spec),
     )  # fmt: skip
+
+
+def _wrench(spec: CourseSpec) -> Array | None:
+    """What is on the body beside its weight at each frame, shape (M, 6); None for nothing. Raises InvalidInput."""
+    total = np.zeros((spec.frames, 6))
+    for index, each in enumerate(spec.wrench):
+        frames = range(spec.frames) if each.frames is None else each.frames
+        if max(frames) >= spec.frames:
+            raise InvalidInput(
+                f"wrench[{index}].frames: expected key frames from 0 to {spec.frames - 1}, got {max(frames)}"
+            )
+        total[list(set(frames))] += at_point(each.force_n, each.moment_nm, each.at_m)
+    return total if total.any() else None
 
 
 def _standing(spec: CourseSpec, robot: Robot, passed: NDArray[np.int_]) -> Array:
@@ -246,7 +260,8 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
 
 def _with_shifts(sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]) -> tuple[tuple[str, ...], ...]:
     """A cycle with a frame in which nobody moves wherever the supports before and after it share a line alone: on all
-    of its feet the body comes from the one to the other. Of four feet these are those of diagonal neighbours.
+    of its feet the body comes from the one to the other. Of four feet these are those of diagonal neighbours. A cycle
+    that would end so begins so, since a robot that stands is in the middle of its feet.
 
     places: of the limbs, for which side of a line they are on.
     """
@@ -260,7 +275,7 @@ def _with_shifts(sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]) -
                      for off in (places[name][:2] - first for name in (*moved, *moving))]  # fmt: skip
             if len(set(sides)) > 1:
                 cycle.append(())
-    return tuple(cycle)
+    return tuple(cycle[-1:] + cycle[:-1] if not cycle[-1] else cycle)
 
 
 def _schedule(robot: Robot, lifts: Sequence[Sequence[str]]) -> list[tuple[int, Limb, int]]:

@@ -15,6 +15,7 @@ from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from .contact import Contact
 from .posture_json import ContactJson, PostureJson
+from .wrench import checked_wrench
 
 if TYPE_CHECKING:
     from .problem import Problem
@@ -43,6 +44,7 @@ def posture_to_json(problem: Problem) -> dict[str, Any]:
         "com_radius_m": float(problem.com_radius_m[0]),
         "tilt_limit_rad": problem.tilt_limit_rad,
         **({"robot": problem.robot.identity} if problem.robot.identity else {}),
+        **({} if problem.wrench is None else {"wrench": problem.wrench[0].tolist()}),
         "contacts": [
             {
                 "leg": contact.leg,
@@ -81,9 +83,9 @@ def posture_from_json(data: Mapping[str, Any], *, robot: Robot | None = None) ->
     return Problem.posture(tuple(contacts), robot=raw.robot, **body)
 
 
-def checked_body(**values: Any) -> dict[str, Any]:
+def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
     """The numbers of a problem without its contacts. Raises InvalidInput with everything that is wrong with them."""
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = {"wrench": None}
 
     def number(name: str, **limits: float) -> None:
         found[name] = checked(values[name], name, **limits)
@@ -99,6 +101,9 @@ def checked_body(**values: Any) -> dict[str, Any]:
     )
     if values["force_scale_n"] is None:
         found["force_scale_n"] = found["mass_kg"] * found["gravity_m_s2"]
+    if wrench is not None:
+        weight_n = found["mass_kg"] * found["gravity_m_s2"]
+        found["wrench"] = checked_wrench(wrench, (6,), weight_n=weight_n, length_m=found["length_scale_m"])[None]
     return found
 
 

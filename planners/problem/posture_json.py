@@ -46,4 +46,5 @@ class PostureJson(BaseModel):
     com_radius_m: float
     tilt_limit_rad: float
     robot: str = ""
+    wrench: list[float] | None = None
     contacts: list[ContactJson] = Field(min_length=1)

@@ -33,6 +33,7 @@ from .foothold import Stance as Stance
 from .limits import StepLimits as StepLimits
 from .limits import Weights as Weights
 from .posture import BODY, TILT_LIMIT_RAD, checked_body, posture_from_json, posture_to_json
+from .wrench import checked_wrench
 
 Value = TypeVar("Value")
 MOST_FRAMES = 200
@@ -65,6 +66,8 @@ class Problem:
         push_n: horizontal push at the centre of mass, in any direction, that every stance has to bear [N].
         standing_m: from the centre of mass to each toe as the robot stands at each frame, to which ``weights.stance``
             draws toes, shape (M, N, 3) [m].
+        wrench: on the body beside its weight at each frame, as of a payload, wind or a rope: force [N] and moment about
+            the centre of mass [Nm] in world axes, shape (M, 6) (``problem.wrench``); None for none.
     Raises:
         InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers out of range.
     Source:
@@ -101,6 +104,7 @@ class Problem:
     modes: tuple[int, ...] | None = None
     push_n: float = 0.0
     standing_m: Array | None = None
+    wrench: Array | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -141,6 +145,9 @@ class Problem:
         put(self, "force_scale_n", checked(self.force_scale_n, "force_scale_n", above=0.0))
         if np.any(self.com_radius_m < 0.0):
             raise InvalidInput(f"com_radius_m: expected no negative radius, got {self.com_radius_m.min():g}")
+        if self.wrench is not None:
+            scales = {"weight_n": self.weight_n, "length_m": self.length_scale_m}
+            put(self, "wrench", checked_wrench(self.wrench, (frames, 6), **scales))
         _check_bounds(self.force_min, self.force_max, "")
         for index, put_down in enumerate(self.footholds) if frames > 1 else ():  # of one frame, nobody is in the air
             if put_down.force_min is not None and put_down.force_max is not None:
@@ -163,6 +170,7 @@ class Problem:
         length_scale_m: float = 0.6,
         tilt_limit_rad: float = TILT_LIMIT_RAD,
         robot: str = "",
+        wrench: Array | Sequence[float] | None = None,
     ) -> Problem:
         """Can the robot hold still with these limbs on these patches, and how? One frame, without an objective.
 
@@ -175,6 +183,7 @@ class Problem:
             com_radius_m: how far from there it may be [m].
             gravity_m_s2, force_scale_n, length_scale_m, tilt_limit_rad: as of ``Problem``.
             robot: identity of the model that the limbs are of, see ``Robot``; empty where there is none.
+            wrench: on the body beside its weight, force [N] and moment about the centre of mass [Nm], shape (6,).
         Raises:
             InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
         """
@@ -193,6 +202,7 @@ class Problem:
         body = checked_body(
             mass_kg=mass_kg, gravity_m_s2=gravity_m_s2, force_scale_n=force_scale_n, length_scale_m=length_scale_m,
             com_nominal_m=com_nominal_m, com_radius_m=com_radius_m, tilt_limit_rad=tilt_limit_rad,
+            wrench=wrench,
         )  # fmt: skip
         return _posture(contacts, robot, **body)
 
@@ -200,6 +210,7 @@ class Problem:
         """The posture problem with other arguments of ``Problem.posture``. Raises InvalidInput likewise."""
         same: dict[str, Any] = {name: getattr(self, name) for name in BODY}
         same |= {"com_nominal_m": self.com_nominal_m[0], "com_radius_m": float(self.com_radius_m[0])}
+        same["wrench"] = None if self.wrench is None else self.wrench[0]
         return Problem.posture(**{"contacts": self.contacts, "robot": self.robot.identity, **same, **changes})
 
     def course(self, name: str = "posture") -> Problem:
@@ -410,6 +421,7 @@ class Problem:
             length_scale_m=self.length_scale_m,
             tilt_limit_rad=self.tilt_limit_rad,
             robot=self.robot.identity,
+            wrench=None if self.wrench is None else self.wrench[stance.frame],
         )
 
     def _contacts(self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]) -> tuple[Contact, ...]:

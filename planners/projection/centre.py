@@ -78,7 +78,7 @@ class _Held:
         of_body = np.zeros((6 if moments else 3, 6))
         if moments:
             rows = np.concatenate([rows, np.matmul(skew(points.toes), rows)], axis=2)
-            of_body[3, 1], of_body[4, 0] = -like.weight, like.weight  # −w c × e_z
+            of_body[3:, :3] = skew(like.borne[0])  # −c × (w e_z − F)
         return cls(
             like=like, friction=scaled.friction, legs=points.toes - like.shoulders, of_forces=rows, to_legs=to_legs,
             of_body=of_body,

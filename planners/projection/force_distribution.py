@@ -32,7 +32,7 @@ TIES = 1e-4
 """Of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
 EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
-UP = np.array([0.0, 0.0, 1.0])
+WEIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 LEAST = 0.02
 """Every limb that carries presses on its patch with this share of the weight or more, so that it stays there."""
 
@@ -40,8 +40,8 @@ LEAST = 0.02
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
     """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the forces, (N, 3).
-    borne: their sum, (3,). rest, levers: torques as shares of their limits are rest − levers · f, (J,), (J, 3); none
-    where nobody asks."""
+    borne: their sum and its moment about the centre of mass, (6,). rest, levers: torques as shares of their limits are
+    rest − levers · f, (J,), (J, 3); none where nobody asks."""
 
     arms: Array
     friction: Array
@@ -79,7 +79,7 @@ class ForceDistribution:
         forces = rows.variable("forces", contacts, 3)
         balance = rows.equal("balance", 6)
         rows.put(balance[:, None], forces.reshape(1, -1), lambda d: d.arms)
-        rows.right(balance[:3], lambda d: d.borne)
+        rows.right(balance, lambda d: d.borne)
         most, least = rows.at_most("most", contacts, 3), rows.at_most("least", contacts, 3)
         rows.put(most, forces, 1.0)
         rows.put(least, forces, -1.0)
@@ -109,8 +109,8 @@ class ForceDistribution:
         course, of = plan.course, plan.course.stances[stance]
         patches = [course.patch(int(index), plan.choice) for index in course.holds[of.frame]]
         bears = np.isin(np.arange(self._contacts), of.limbs)
-        arms_m = plan.toes_at(of.frame) - plan.com_m[of.frame]
-        return self.forces(course, arms_m, patches, bears, reserves=reserves, least=least)
+        arms_m, wrench = plan.toes_at(of.frame) - plan.com_m[of.frame], wrench_at(course, of.frame)
+        return self.forces(course, arms_m, patches, bears, reserves=reserves, least=least, wrench=wrench)
 
     def forces(
         self,
@@ -122,14 +122,14 @@ class ForceDistribution:
         loads: Loads = NONE,
         reserves: Sequence[float] = RESERVES,
         least: float = LEAST,
-        push: Array | None = None,
+        wrench: Array | None = None,
     ) -> Array | None:
         """The same for toes that are so far from the centre of mass, shape (N, 3) [m], on these patches.
 
         bears: who carries, shape (N,); course: its weight and its bounds of the forces. loads: of the joints. reserves:
         shares of μ that are tried, one after the other, until one has forces. least: share of the weight with which
-        every limb that carries presses at least. push: force on the body at the centre of mass, in units of the weight,
-        shape (3,).
+        every limb that carries presses at least. wrench: on the body beside its weight, force and moment about the
+        centre of mass in units of the weight and the length scale, shape (6,) (``wrench_at``).
         """
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
@@ -140,7 +140,7 @@ class ForceDistribution:
             friction=np.array([patch.friction for patch in patches]),
             low=np.where(carries, np.maximum(low, [least, -np.inf, -np.inf]), 0.0),
             high=np.where(carries, high, 0.0),
-            borne=UP if push is None else UP - push,
+            borne=WEIGHT if wrench is None else WEIGHT - wrench,
             rest=loads.weight_nm / loads.limit_nm,
             levers=np.einsum("jk,jki->ji", loads.levers_m, frames[self._foot_of])
             * (course.weight_n / loads.limit_nm)[:, None],
@@ -151,6 +151,14 @@ class ForceDistribution:
                 local = solution.value("forces") * course.weight_n
                 return np.asarray(np.where(carries, np.einsum("nij,nj->ni", frames, local), 0.0))
         return None
+
+
+def wrench_at(course: Problem, frame: int) -> Array | None:
+    """The wrench on the body at a key frame in units of the weight and the length scale, shape (6,); None for none."""
+    if course.wrench is None:
+        return None
+    unit = course.weight_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
+    return np.asarray(course.wrench[frame] / unit)
 
 
 def distribute_forces(plan: Plan, kinematics: Kinematics | None = None) -> Array:
@@ -186,7 +194,8 @@ def standing_forces(plan: Plan, kinematics: Kinematics) -> dict[int, Array]:
             continue
         patches = [course.patch(index, plan.choice) for index in holds]
         arms_m = plan.toes_at(frame) - plan.com_m[frame]
-        forces = distribution.forces(course, arms_m, patches, np.full(count, True), reserves=STANDING)
+        every, wrench = np.full(count, True), wrench_at(course, frame)
+        forces = distribution.forces(course, arms_m, patches, every, reserves=STANDING, wrench=wrench)
         own = next(plan.forces_n[i] for i, stance in enumerate(course.stances) if stance.frame == frame)
         if forces is not None and _spares(plan, kinematics, frame, forces, own):
             found[frame] = forces

@@ -94,6 +94,9 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
     toes = [data["vertices"][:, own] @ shares[own] for own in under]  # p_w  (1)
     force = [cs.vertcat(0, 0, -data["weight"]) for _ in layout.stances]
     moment, cones = [cs.SX.zeros(3) for _ in layout.stances], []
+    if layout.loaded:
+        force = [each + data["wrench"][:3, s] for s, each in enumerate(force)]
+        moment = [data["wrench"][3:, s] for s in range(len(layout.stances))]
     for b, (s, p) in enumerate(zip(stance.tolist(), foothold.tolist(), strict=True)):
         f = forces[:, b]
         f_w = data["axes"][:, 3 * p : 3 * (p + 1)] @ f  # Σ f_k F_k  (3)
@@ -155,6 +158,7 @@ def _sizes(layout: Layout) -> dict[str, tuple[int, int]]:
         "row_normals": (3, len(layout.row_limbs)), "row_bounds": (1, len(layout.row_limbs)),
         "apart_normals": (3, len(layout.relative_rows[0])), "apart_bounds": (1, len(layout.relative_rows[0])),
         "linear": (7, layout.linear), "standing": (3, len(layout.standing[0]) if layout.stands else 0),
+        "wrench": (6, len(layout.stances) if layout.loaded else 0),
     }  # fmt: skip
 
 
@@ -173,7 +177,8 @@ def parameters(scaled: Scaled, start: Array) -> Array:
         scaled.bearing_points(np.zeros((scaled.layout.footholds, 3))).ravel() if scaled.layout.points else [],
         scaled.half_spaces.normals.ravel(), scaled.half_spaces.bounds,
         scaled.relative.normals[scaled.layout.relative_rows[0]].ravel(),
-        scaled.relative.bounds[scaled.layout.relative_rows[0]], scaled.linear.ravel(), scaled.standing.ravel(), start,
+        scaled.relative.bounds[scaled.layout.relative_rows[0]], scaled.linear.ravel(), scaled.standing.ravel(),
+        scaled.wrench.ravel(), start,
     ])  # fmt: skip
 
 
@@ -190,7 +195,7 @@ def point_of(scaled: Scaled, x: Array, *, converged: bool) -> Point:
     """The point of x, with its true net moments.
 
     x: c, Θ, λ and f, one after the other (``vector``). converged: whether IPOPT said so. Returns a point whose residual
-    is the largest component of Σ p × f over all stances, inf where x is no answer.
+    is the largest component of Σ p × f + M over all stances, inf where x is no answer.
     """
     layout = scaled.layout
     stance = layout.contacts[0]
@@ -198,7 +203,7 @@ def point_of(scaled: Scaled, x: Array, *, converged: bool) -> Point:
     com, rotation, forces = (part.reshape(-1, 3) for part in (com, rotation, forces))
     weights = np.maximum(weights, 0.0)
     weights = weights / np.bincount(layout.vertex_footholds, weights)[layout.vertex_footholds]
-    toes, moments = np.zeros((layout.footholds, 3)), np.zeros((len(layout.stances), 3))
+    toes, moments = np.zeros((layout.footholds, 3)), np.array(scaled.twisted)
     np.add.at(toes, layout.vertex_footholds, weights[:, None] * scaled.vertices)
     arms = scaled.bearing_points(toes) - com[layout.stance_frames[stance]]
     np.add.at(moments, stance, np.cross(arms, scaled.in_world(forces)))

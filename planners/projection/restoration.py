@@ -125,7 +125,7 @@ class Restoration:
         arms = point.toes[foothold] - point.com[scaled.layout.stance_frames[stance]]
         maps = np.concatenate([scaled.contact_frames, skew(arms) @ scaled.contact_frames], axis=1)
         net = np.add.reduceat(np.einsum("bij,bj->bi", maps, point.forces), first)
-        missing = np.pad(scaled.borne, ((0, 0), (0, 3))) - net
+        missing = np.concatenate([scaled.borne, -scaled.twisted], axis=1) - net
         square = np.add.reduceat(maps @ maps.transpose(0, 2, 1), first)
         pull = np.einsum("sij,sj->si", np.linalg.pinv(square, hermitian=True), missing)
         forces = point.forces + np.einsum("bij,bi->bj", maps, pull[stance])
@@ -156,7 +156,7 @@ class Restoration:
             self._plan.course, arms, self._patches[frame], np.isin(np.arange(scaled.layout.limbs), limbs),
             loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
             reserves=(self.friction_share,), least=float(least),
-            push=scaled.pushes[stance] / scaled.weight if scaled.layout.pushes else None,
+            wrench=scaled.wrench[stance] / scaled.weight if scaled.layout.loaded else None,
         )  # fmt: skip
         if world is None:
             return None

@@ -4,7 +4,7 @@ Both relax p fᵀ: the lift by Σ_u v_u f_uᵀ (toe in the world), McCormick's e
 difference is c fᵀ, bilinear itself, but Σ R f is the weight, so that over a stance it is linear in c: the two are
 *linked* in all nine components,
 
-    Σ_i (Σ_u v_u f_uᵀ − m_i) R_iᵀ = w c e_zᵀ,
+    Σ_i (Σ_u v_u f_uᵀ − m_i) R_iᵀ = c (w e_z − F)ᵀ,    F the force on the body beside its weight,
 
 of which the skew part says that E9 holds of both. The margin t ≥ 0 relaxes the envelope alone; beside it the gap of the
 lift, linearised at a learned point (``least_gap``), draws the answer to the bilinear surface.
@@ -179,5 +179,9 @@ class JointRelaxation:
             moments.reshape(count, 3, 1, 3),
             -Of("scaled.frames", (box, axes[None, None, :, None], axes)),
         )
-        rows.put(linked[:, :, 2], body.com[layout.stance_frames], -Of("scaled.weight"))
+        com = body.com[layout.stance_frames]
+        if layout.loaded:
+            rows.put(linked, com[:, :, None], -Of("scaled.borne", (slice(None), None)))
+        else:
+            rows.put(linked[:, :, 2], com, -Of("scaled.weight"))
         envelope_rows(rows, np.concatenate([position, total], axis=1), moments, margin=margin)

@@ -233,9 +233,12 @@ class McCormick:
         return columns
 
     def _balance(self, first: Index | None) -> None:
-        """Σ m_jk e_j × F_k = 0 in every stance (E9), F the axes of the box: (p × F)_c = p_a F_b − p_b F_a."""
+        """Σ m_jk e_j × F_k = 0 in every stance (E9), or −M; F the axes of the box: (p × F)_c = p_a F_b − p_b F_a."""
         rows, stance, moments = self.rows, self.layout.contacts[0], self._moments.reshape(-1, 3, 3)
-        net, a, b = rows.equal("moment", len(self.layout.stances), 3)[stance], [1, 2, 0], [2, 0, 1]
+        every, a, b = rows.equal("moment", len(self.layout.stances), 3), [1, 2, 0], [2, 0, 1]
+        net = every[stance]
+        if self.layout.wrench:
+            rows.right(every, -Of("scaled.twisted"))
         if first is None:
             rows.put(net, moments[:, a, b], 1.0)
             rows.put(net, moments[:, b, a], -1.0)

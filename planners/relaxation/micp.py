@@ -100,6 +100,8 @@ class Symbols:
         self.force_min, self.force_max = cp.Parameter((contacts, 3)), cp.Parameter((contacts, 3))
         self.com, self.com_radius = cp.Parameter((1, 3)), cp.Parameter(1)
         self.weight, self.tilt = cp.Parameter(), cp.Parameter()
+        if layout.wrench:
+            self.wrench = cp.Parameter((len(layout.stances), 6))
         self._numbers = {name: symbol for name, symbol in vars(self).items() if isinstance(symbol, cp.Parameter)}
         p, f = (count + 1 for count in grid.counts)
         shapes = ((3 * contacts, p), (3 * contacts, f), (9 * contacts, p * f))
@@ -187,7 +189,7 @@ class MicpProgram:
             largest[scaled.layout.candidate_footholds[candidate]] = candidate
         position, world = np.asarray(self.products.position.value), np.asarray(self.products.world.value)
         frames = scaled.frames[largest[foothold]]
-        moments = np.zeros((len(scaled.layout.stances), 3))
+        moments = np.array(scaled.twisted)
         np.add.at(moments, stance, np.cross(position, world))
         point = Point(
             com=np.asarray(plan.com.value), rotation=np.asarray(plan.rotation.value),

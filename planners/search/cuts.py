@@ -268,6 +268,7 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
         scaled,
         layout=replace(
             layout, holds=(tuple(range(layout.limbs)),), stances=((0, limbs),), pushes=0, stands=False,
+            wrench=layout.wrench,
             corners=tuple(layout.corners[p] for p in footholds),
         ),
         which=tuple(scaled.which[p] for p in footholds),
@@ -275,7 +276,8 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
         offsets=scaled.offsets[kept] if layout.points else scaled.offsets,
         force_min=scaled.force_min[contacts], force_max=scaled.force_max[contacts],
         com=scaled.com[[frame]], com_radius=scaled.com_radius[[frame]],
-        direction=np.zeros((0, 3)), progress=np.zeros(0), pushes=np.zeros((0, 3)), standing=np.zeros((0, 3)),
+        direction=np.zeros((0, 3)), progress=np.zeros(0), standing=np.zeros((0, 3)),
+        wrench=scaled.wrench[[stance % layout.unpushed]] if layout.wrench else np.zeros((0, 6)),
     )  # fmt: skip
     return part, footholds, contacts
 

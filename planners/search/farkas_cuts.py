@@ -63,9 +63,9 @@ class FarkasCuts:
         across = np.column_stack([nu_M[:, 1], -nu_M[:, 0], 0.0 * nu_M[:, 0]])  # −ν·(c × e_z) = (−e_z × ν)·c
         np.add.at(pull, layout.stance_frames, scaled.weight * across)
         pushed = 0.0
-        if layout.pushes:
-            np.add.at(pull, layout.stance_frames, np.cross(scaled.pushes, nu_M))
-            pushed = float(np.sum(parts["nu_F"] * scaled.pushes))
+        if layout.loaded:
+            np.add.at(pull, layout.stance_frames, np.cross(scaled.wrench[:, :3], nu_M))
+            pushed = float(np.sum(parts["nu_F"] * scaled.wrench[:, :3] + nu_M * scaled.wrench[:, 3:]))
         step = parts["com_step"] - parts["progress"][:, None] * scaled.direction
         linear = parts["linear_step"] @ scaled.linear[:, :6]
         step, turn = step + linear[:, :3], parts["rotation_step"] + linear[:, 3:]

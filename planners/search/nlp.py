@@ -101,7 +101,11 @@ def starting_points(scaled: Scaled, count: int, *, seed: int) -> list[Point]:
     rng = np.random.default_rng(seed)
     stance = scaled.layout.contacts[0]
     carrying = np.bincount(stance)[stance]
-    forces = scaled.contact_frames[:, 2, :] * (scaled.weight / carrying[:, None])  # R_WCᵀ e_z: upward, in contact axes
+    if scaled.layout.wrench:  # R_WCᵀ b, what is borne, in contact axes
+        borne = (scaled.borne[stance] / carrying[:, None])[:, None]
+        forces = np.matmul(borne, scaled.contact_frames)[:, 0]
+    else:
+        forces = scaled.contact_frames[:, 2, :] * (scaled.weight / carrying[:, None])  # R_WCᵀ e_z: upward
     forces[:, 0] = np.maximum(forces[:, 0], 0.5 * scaled.force_max[:, 0])
     forces = np.clip(forces, scaled.force_min, scaled.force_max)
     toes = [np.array([piece.mean(axis=0) for piece in scaled.pieces])]

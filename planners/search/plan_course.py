@@ -19,6 +19,7 @@ from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.alternatives import AS_ASKED, Alternative
 from ..problem.candidates import NoPlace
+from ..problem.wrench import loaded
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
@@ -49,6 +50,7 @@ def plan_course(
     limits: WholeBodyLimits | None = WholeBodyLimits(),
     start_rad: Array | None = None,
     push_n: float = 0.0,
+    wrench: Array | None = None,
     layouts: Sequence[Alternative] = (AS_ASKED,),
     deadline: float = math.inf,
 ) -> Answer[Plan]:
@@ -63,6 +65,7 @@ def plan_course(
     limits: of joints and bodies, to which the plan is bent, and then judged with all of the whole body; None leaves it
     at contacts. start_rad: joints of a robot that stands already, as for ``plan_angles``, shape (J,).
     push_n: horizontal push that every stance has to bear, where the course does not ask for more [N].
+    wrench: on the body beside its weight and what the course has already, at every frame, shape (6,).
     layouts: ways in which a function lays the course out, in the order in which they are tried while there is time,
     where over none before a plan was accepted; its provenance says which. *Infeasible* is said of the first alone.
     deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
@@ -71,6 +74,7 @@ def plan_course(
     robot whose joints are not known.
     """
     planner = part_of(planner, "courses")
+    question = _loaded(question, wrench)
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else ALL_FRICTION
     if presses is None:
@@ -95,6 +99,15 @@ def plan_course(
     if not callable(question):
         return answered(question, deadline)
     return _laid_out(question, layouts, answered, deadline)
+
+
+def _loaded(question: Problem | LayOut, wrench: Array | None) -> Problem | LayOut:
+    """The course, or what lays it out, with a wrench on every frame."""
+    if wrench is None:
+        return question
+    if not callable(question):
+        return loaded(question, wrench)
+    return lambda sets, alternative: loaded(question(sets, alternative), wrench)
 
 
 def _laid_out(

@@ -94,6 +94,7 @@ def course_window(course: Problem, first: int, last: int, standing: Standing | N
         steps=steps,
         modes=None if course.modes is None else course.modes[window],
         standing_m=None if course.standing_m is None else course.standing_m[window],
+        wrench=None if course.wrench is None else course.wrench[window],
     )
 
 
@@ -108,6 +109,7 @@ def with_pause(course: Problem, frame: int) -> Problem:
         com_radius_m=course.com_radius_m[again],
         modes=None if course.modes is None else tuple(course.modes[k] for k in again),
         standing_m=None if course.standing_m is None else course.standing_m[again],
+        wrench=None if course.wrench is None else course.wrench[again],
     )
 
 
@@ -142,6 +144,7 @@ def one_at_a_time(course: Problem, first: int, last: int) -> Problem:
         steps=replace(course.steps, progress_m=course.steps.progress_m * min(parts)),
         modes=None if course.modes is None else tuple(course.modes[k] for k in of),
         standing_m=None if course.standing_m is None else course.standing_m[of],
+        wrench=None if course.wrench is None else course.wrench[of],
     )
 
 

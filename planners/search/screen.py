@@ -31,14 +31,19 @@ DIRECTIONS = np.column_stack([
 def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
     """Which problems have not even P̄, since no forces carry the weight, shape (B,); others may not, either.
 
-    For some d the contacts together push less along d than the weight asks: Σ max d·C f < w d_z over f_n ≤ f_max and
-    the friction cones (E5, E10), a certificate's bound with ν_F = −d alone.
+    For some d the contacts together push less along d than the weight, and what else is on the body, asks:
+    Σ max d·C f < d·(w e_z − F) over f_n ≤ f_max and the friction cones (E5, E10), a certificate's bound with ν_F = −d
+    alone.
     """
     along = np.matmul(DIRECTIONS, scaled.frames)  # (B, N, 8, 3), d in contact frames
     shear = np.hypot(along[..., 1], along[..., 2])
     most = np.maximum(along[..., 0] + scaled.friction[..., None] * shear, 0.0)
     pushed = np.matmul(np.maximum(scaled.like.force_max[:, 0], 0.0), most)
-    return np.asarray((pushed < scaled.like.weight * (DIRECTIONS[:, 2] - CLEAR)).any(axis=1))
+    like = scaled.like
+    asked = like.weight * (DIRECTIONS[:, 2] - CLEAR)
+    if like.layout.wrench:
+        asked = asked - DIRECTIONS @ like.wrench[0, :3]
+    return np.asarray((pushed < asked).any(axis=1))
 
 
 class StandingTest:

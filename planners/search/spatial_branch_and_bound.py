@@ -143,7 +143,7 @@ class BoxSearch:
 def propagate(scaled: Scaled, box: Envelope) -> Envelope | None:
     """The box less what interval arithmetic rules out; None where nothing is left.
 
-    p = toe − c with one c for all contacts; the friction cone; and Σ f = weight, component by component in the world.
+    p = toe − c with one c for all contacts; the friction cone; and Σ f = w e_z − F, by components.
     """
     low, high = box.low.copy(), box.high.copy()
     for _ in range(SWEEPS):
@@ -177,11 +177,11 @@ def _in_cones(scaled: Scaled, low: Array, high: Array) -> bool:
 
 
 def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
-    """Narrow every force component through Σ f = weight, in place. False where no forces balance."""
+    """Narrow every force component through Σ f = w e_z − F, in place. False where no forces balance."""
     frames = scaled.frames  # [i, r, k]: world component r of a unit force k at contact i
     ends = frames * low[:, None, 3:], frames * high[:, None, 3:]
     least, most = np.minimum(*ends), np.maximum(*ends)
-    weight = np.array([0.0, 0.0, scaled.weight])
+    weight = scaled.borne[0]
     total_least, total_most = least.sum(axis=(0, 2)), most.sum(axis=(0, 2))
     if np.any(total_least > weight + ROUNDING) or np.any(total_most < weight - ROUNDING):
         return False

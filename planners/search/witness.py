@@ -4,12 +4,13 @@ A posture problem in x = (λ, c, Θ, u, f), with toes q_i = Σ_u λ_iu v_iu (E1)
 the intersection of two sets. K has a projection in closed form: simplices of λ, the ball of c, the box of Θ, the balls
 ‖u_i‖ ≤ ρ_i (E11), and friction cones cut off where the force boxes end (E10). A is affine but for the moments,
 
-    Σ C_i f_i = w e_z  (E5),    Σ q_i × C_i f_i − w c × e_z = 0  (E6),
+    Σ C_i f_i = b  (E5),    Σ q_i × C_i f_i − c × b + M = 0  (E6),    b = w e_z − F,
 
-and these are linearised about the toes and forces that the iteration is at, anew every few steps. Douglas–Rachford is
-z ← z + P_K(2 P_A z − z) − P_A z. It ends for a problem as soon as c and f, put on the balances with the toes held, lie
-in K. What is found is a claim, for the verifier to decide; what is not found says nothing. No solver takes part and no
-problem hears of another, so a claim follows from its problem alone.
+with F and M the force and the moment on the body beside its weight, and these are linearised about the toes and forces
+that the iteration is at, anew every few steps. Douglas–Rachford is z ← z + P_K(2 P_A z − z) − P_A z. It ends for a
+problem as soon as c and f, put on the balances with the toes held, lie in K. What is found is a claim, for the verifier
+to decide; what is not found says nothing. No solver takes part and no problem hears of another, so a claim follows from
+its problem alone.
 """
 
 from __future__ import annotations
@@ -136,7 +137,7 @@ class _Sets:
         like, lifting = scaled.like, _side_by_side(scaled.frames)
         shear = np.minimum(like.force_max[:, 1:], -like.force_min[:, 1:]).min(axis=1)
         high = np.minimum(like.force_max[:, 0], shear / np.maximum(scaled.friction, 1e-12))
-        right = np.tile([0.0, 0.0, like.weight], (len(scaled), 1))
+        right = np.tile(like.borne, (len(scaled), 1))
         return cls(
             scaled=scaled, low=np.maximum(like.force_min[:, 0], 0.0), high=high, legs=_legs(scaled),
             weight=_Rows(lifting, right, lifting.swapaxes(1, 2) / scaled.friction.shape[1]),  # Σ C_i C_i' = N
@@ -181,7 +182,7 @@ class _Sets:
         return on
 
     def linearised(self, x: Array, toes: Array) -> _Rows:
-        """The moments about x, with its toes q̄: Σ q × F̄ + Σ q̄ × F − w c × e_z = Σ q̄ × F̄."""
+        """The moments about x, with its toes q̄: Σ q × F̄ + Σ q̄ × F − c × b + M = Σ q̄ × F̄."""
         scaled, (weights, _, balls, forces) = self.scaled, self.parts
         force = _times(scaled.frames, self._vectors(x, forces))
         rows, arms = np.zeros((len(x), 3, x.shape[1])), skew(toes)
@@ -216,7 +217,7 @@ class _Sets:
         rows = np.zeros((len(x), 6 if moments else 3, y.shape[1]))
         rows[:, :3, 3:] = _side_by_side(scaled.frames)
         right = np.zeros(rows.shape[:2])
-        right[:, 2] = scaled.like.weight
+        right[:, :3] = scaled.like.borne
         if moments:
             rows[:, 3:, 3:] = _side_by_side(np.matmul(skew(toes), scaled.frames))
             right[:, 3:] = _of_weight(scaled, rows[:, 3:], 0)
@@ -270,10 +271,10 @@ def _legs(scaled: ScaledBatch) -> _Rows:
 
 
 def _of_weight(scaled: ScaledBatch, rows: Array, column: int) -> Array:
-    """Add −w (c − c_0) × e_z to rows of moments, c − c_0 at this column; w c_0 × e_z, for the right side."""
-    weight, com = scaled.like.weight, scaled.like.com[0]
-    rows[:, 0, column + 1], rows[:, 1, column] = -weight, weight
-    return np.array([weight * com[1], -weight * com[0], 0.0])
+    """Add −(c − c_0) × b to rows of moments, c − c_0 at this column; c_0 × b − M, for the right side."""
+    borne, com = scaled.like.borne[0], scaled.like.com[0]
+    rows[:, :, column : column + 3] = skew(borne)
+    return np.asarray(skew(com) @ borne - scaled.like.twisted[0])
 
 
 def _back(rows: Array) -> Array:

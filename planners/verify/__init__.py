@@ -2,7 +2,8 @@
 
 ``check_posture`` and ``check_plan`` judge answers, ``check_certificate`` proofs that there is none, of a posture
 problem or of a course alike; ``explain`` says what such a proof gives as its reason. The batches, ``check_postures``
-and ``check_certificates``, give numbers in place of reports. No solver takes part, and no code of a planner.
+and ``check_certificates``, give numbers in place of reports. No solver takes part in a verdict on contacts or on a
+proof, and no code of a planner in anything.
 """
 
 from ..answer.report import GROUPS as GROUPS

@@ -20,6 +20,7 @@ from .explanation import Relaxation as Relaxation
 from .geometry import length
 from .lagrangian import Leaves, Numbers, body_pulls, leaf_bounds, least_lagrangians
 from .multipliers import Multipliers
+from .tree import Forest
 
 FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = 10.0, 1.0, 10.0, 1.0, 0.5 * math.pi
 """``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its scale), radius."""
@@ -47,8 +48,10 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
     forest = forest_of(subject)
     leaves = forest.leaves({0: forest.replay(0, certificate)})
     if not subject.is_posture:
-        return _of_course(subject, forest.numbers, leaves)
-    return _of_posture(subject, forest.numbers, leaves, max(GAP if tolerance is None else tolerance, 0.0))
+        found = _of_course(subject, forest.numbers, leaves)
+    else:
+        found = _of_posture(subject, forest.numbers, leaves, max(GAP if tolerance is None else tolerance, 0.0))
+    return found if subject.wrench is None else _of_wrench(subject, forest, found)
 
 
 def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float) -> Explanation:
@@ -107,6 +110,23 @@ def _cheapest(first: Relaxation) -> str:
     change = f" ({percent:{'+.2g' if percent < 99.5 else '+.0f'}} %)" if math.isfinite(percent) else ""
     values = f"from {first.now:.4g}{unit} to at least {first.needed:.4g}{unit}"
     return f"infeasible: the cheapest single change is {name}, {values}{change}"
+
+
+def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanation:
+    """The same, with the stance that holds the least of the wrench first where that is the reason."""
+    from .wrench_held import least_held  # Clarabel, of this alone
+
+    held = least_held(forest.numbers, forest.patches)
+    if held is None or problem.wrench is None:
+        return found
+    stance = problem.stances[held.stance]
+    where = " ".join(problem.legs[limb] for limb in stance.limbs)
+    where += "" if problem.is_posture else f" at frame {stance.frame}"
+    force, moment = (float(length(part)) for part in np.split(problem.wrench[stance.frame], 2))
+    now, unit = (force, "N") if force > 0.0 else (moment, "Nm")
+    most = Relaxation(parameter=f"wrench on {where}", leg="", now=now, needed=held.share * now, unit=unit)
+    message = f"infeasible: holds {most.needed:.3g} {unit} at most, of {now:.4g} {unit}: {where}"
+    return Explanation(relaxations=(most, *found.relaxations), message=message)
 
 
 def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation:

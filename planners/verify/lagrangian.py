@@ -15,7 +15,8 @@ balances of moments, whose largest component is off by ε, has
 Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) − b), σ ≥ 0, further
 rows of the body's steps Σ σ (a·(c' − c, Θ' − Θ) − b), σ ≥ 0.
 
-(The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) Where the
+(The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) A force F
+and a moment M on the body beside its weight add ν_F·F + ν_M·(c × F + M) in their stances. Where the
 least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a ball for each c, a box for each Θ, and for
 each toe the least over its open candidates and their vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in
 the friction cone}, a = Cᵀ(ν_F + ν_M × v). A candidate of a force box that misses the cone is closed, and a leaf in
@@ -84,6 +85,7 @@ class Numbers:
     apart_normals: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of ``half_spaces.relative_rows``
     apart_bounds: Array = field(default_factory=lambda: np.zeros(0))
     linear: Array = field(default_factory=lambda: np.zeros((0, 7)))  # of ``StepLimits.linear_rows``
+    wrench: Array | None = None  # (Q, S, 6), force and moment on the body in every stance beside the weight
 
     @cached_property
     def first_candidate(self) -> Index:
@@ -183,6 +185,11 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         + carried.sum(axis=1)
         + (stretch * (far[:, who.holds] + far_com[:, :, None] + arm[:, None])).sum(axis=(1, 2))
     )
+    if numbers.wrench is not None:
+        force, moment = numbers.wrench[q, :, :3], numbers.wrench[q, :, 3:]
+        value += (np.vecdot(m.nu_F, force) + np.vecdot(m.nu_M, moment)).sum(axis=1)
+        size = (pushed + torque * far_com[:, who.frame]) * length(force) + torque * length(moment)
+        terms += size.sum(axis=1)
     if len(who.holds) > 1:
         used = np.stack([length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)], axis=1)
         gained, most_com = m.progress.sum(axis=1), 2.0 * far_com.max(axis=1)
@@ -277,6 +284,8 @@ def body_pulls(numbers: Numbers, problem: Index, pulls: Array, m: Multipliers) -
     moments = np.add.reduceat(m.nu_M, first, axis=1)
     pull[..., 0] += weight * moments[..., 1]  # −ν·(c × e_z) = (−e_z × ν)·c
     pull[..., 1] -= weight * moments[..., 0]
+    if numbers.wrench is not None:  # ν·(c × F) = (F × ν)·c
+        pull += np.add.reduceat(cross(numbers.wrench[problem, :, :3], m.nu_M), first, axis=1)
     step = m.com_step - m.progress[..., None] * numbers.ahead
     pull[:, 1:] += step
     pull[:, :-1] -= step

@@ -6,6 +6,9 @@ carry the weight from a set of places of it. Both sets are convex, shadows of th
     Σ f = w e_z − F,  Σ (p − c − y F / w) × f = 0  pushes F = (F_x, F_y, 0) of a body that gives way by y F / w
     Σ f = w e_z,      Σ (p − c − t) × f = 0        places c + t, t = (t_x, t_y, 0)
 
+Of a course with a wrench on the body it is the loaded robot's: the weight is w e_z less the force, the moment on the
+right −M, and the wrench goes where the centre of mass goes.
+
 Their support functions are one small cone program per direction. The hull of the points that were found lies inside of
 the set and its half-planes outside, so that the distance from the origin to the border is known from both sides; what
 is reported is the lower one, which the contacts hold in every direction.
@@ -75,6 +78,7 @@ class _Contacts:
         friction: of each, shape (n,).
         low, high: bounds of (f_n, f_y, f_z), in units of the weight, shape (n, 3).
         weight_n: of the robot [N].
+        borne: sum and moment about the centre of mass of the contacts' forces, in units of the weight and metres, (6,).
     """
 
     arms_m: Array
@@ -83,6 +87,7 @@ class _Contacts:
     low: Array
     high: Array
     weight_n: float
+    borne: Array
 
     @property
     def balance(self) -> Array:
@@ -136,7 +141,7 @@ class _Program:
         slope[::3] = -friction_share * at.friction
         dense[self._cone_rows] = slope
         right = np.zeros(len(dense))
-        right[2], right[6 : 6 + 3 * n], right[6 + 3 * n : 6 + 6 * n] = 1.0, at.high.ravel(), -at.low.ravel()
+        right[:6], right[6 : 6 + 3 * n], right[6 + 3 * n : 6 + 6 * n] = at.borne, at.high.ravel(), -at.low.ravel()
         self._solver.update(A=dense[self._places].tolist(), b=right.tolist())
         still = [0.0] * (3 * n)
 
@@ -150,10 +155,12 @@ class _Program:
 
 PUSH = np.array([[1.0, 0.0], [0.0, 1.0], *np.zeros((4, 2))])
 """A push F adds F to the sum of the contacts' forces."""
-LEANS = np.array([*np.zeros((3, 2)), [0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
-"""A body that gives way by F takes F × e_z of the moments."""
-SHIFT = np.array([*np.zeros((3, 2)), [0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
-"""A centre of mass that is t elsewhere takes t × e_z of the moments, in units of the weight."""
+
+
+def _shift(borne: Array) -> Array:
+    """A centre of mass that is t elsewhere takes t × b of the moments, b the sum of the forces; shape (6, 2)."""
+    x, y, z = borne[:3]
+    return np.array([*np.zeros((3, 2)), [0.0, -z], [z, 0.0], [-y, x]])
 
 
 def stance_margins(
@@ -170,13 +177,13 @@ def stance_margins(
         at = _contacts(plan, stance)
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
-        push = _inner_distance(program.support(at, PUSH + yields_m * LEANS))
+        push = _inner_distance(program.support(at, PUSH + yields_m * _shift(at.borne)))
         found.append(
             StanceMargin(
                 frame=stance.frame,
                 limbs=tuple(plan.course.robot.limb_names[limb] for limb in stance.limbs),
                 push_n=push * plan.course.weight_n,
-                support_m=math.nan if pushes_alone else _inner_distance(program.support(at, SHIFT)),
+                support_m=math.nan if pushes_alone else _inner_distance(program.support(at, _shift(at.borne))),
                 friction_left=math.nan if pushes_alone else _friction_left(program, at),
             )
         )
@@ -189,7 +196,7 @@ def support_region(plan: Plan, stance: Stance) -> Array:
     Returns shape (K, 2) [m], empty where the stance carries it nowhere.
     """
     at = _contacts(plan, stance)
-    farthest = _Program(len(at.friction)).support(at, SHIFT)
+    farthest = _Program(len(at.friction)).support(at, _shift(at.borne))
     turns = np.linspace(0.0, 2.0 * math.pi, OUTLINE, endpoint=False)
     corners = [farthest(np.array([math.cos(turn), math.sin(turn)])) for turn in turns]
     if any(corner is None for corner in corners):
@@ -259,7 +266,14 @@ def _contacts(plan: Plan, stance: Stance) -> _Contacts:
         low=np.repeat(low, counts, axis=0),
         high=np.repeat(high, counts, axis=0),
         weight_n=course.weight_n,
+        borne=_borne(course, stance.frame),
     )
+
+
+def _borne(course: Problem, frame: int) -> Array:
+    """``_Contacts.borne`` at a key frame."""
+    weight = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    return weight if course.wrench is None else weight - course.wrench[frame] / course.weight_n
 
 
 def _inner_distance(farthest: Callable[[Array], Array | None]) -> float:

@@ -8,9 +8,11 @@ and the way between frames.
 *Why two stances prove the way between them.* The limbs that do not move between two frames keep their toes p. The
 earlier frame has a stance (c, Θ, f) of some of these limbs, the later one (c', Θ', f'). On the straight line between
 both, the forces sum up to the weight everywhere, so Σ (p − c) × f = Σ p × f + c × m g is linear in (c, f), and zero at
-both ends. Cones, bounds (which admit a zero force), reach with the linearised rotation, tilt box and the interpolated
-ball about the nominal COM are convex. So every point between is a posture, too. Five of them are recomputed anyway.
-Half-spaces of reach are bilinear in Θ and c; their largest value on the way is worked out (``half_spaces.bowed``).
+both ends. So it is with a force F and a moment M on the body, which go over from the one frame to the other as the
+forces do: F and the moment about the origin of the world linearly (``problem.wrench``). Cones, bounds (which admit a
+zero force), reach with the linearised rotation, tilt box and the interpolated ball about the nominal COM are convex. So
+every point between is a posture, too. Five of them are recomputed anyway. Half-spaces of reach are bilinear in Θ and c;
+their largest value on the way is worked out (``half_spaces.bowed``).
 """
 
 from __future__ import annotations
@@ -193,8 +195,19 @@ class _Sweep:
             forces_n=forces, frames=contact_frames(axes[:, 0], axes[:, 1])[foothold], friction=friction[foothold],
             shoulders_m=self._shoulders[limb], reach_m=self._reach[limb], force_min_n=bounds[0], force_max_n=bounds[1],
             off_patch_m=self._off_patch[foothold], rows=self._rows_of(limb),
-            offsets_m=self._offsets[foothold, point] if self._points else None,
+            offsets_m=self._offsets[foothold, point] if self._points else None, wrench=self._wrench(frame, share),
         )  # fmt: skip
+
+    def _wrench(self, frame: Index, share: Array) -> Array | None:
+        """What is on the body ``share`` of the way from each frame to the next; its moment is about the body there."""
+        found = self._course.wrench
+        if found is None:
+            return None
+        t, following, com = share[:, None], np.minimum(frame + 1, len(found) - 1), self._plan.com_m
+        force = (1.0 - t) * found[frame, :3] + t * found[following, :3]
+        bent = cross(com[following] - com[frame], found[following, :3] - found[frame, :3])  # c × F is no line
+        moment = (1.0 - t) * found[frame, 3:] + t * found[following, 3:] + t * (1.0 - t) * bent
+        return np.concatenate([force, moment], axis=1)
 
     def _rows_of(self, limb: Index) -> tuple[Array, Array] | None:
         """Half-spaces of reach of these limbs."""

@@ -162,6 +162,7 @@ class Stances:
     off_patch_m: Array  # (K,)
     offsets_m: Array | None = None  # (K, 3), from the toe to where the force acts, on a sole
     rows: tuple[Array, Array] | None = None  # half-spaces of reach [m], see ``reach_rows``, or none at all
+    wrench: Array | None = None  # (S, 6), force [N] and moment about the centre of mass [Nm] beside the weight
 
     @staticmethod
     def of_postures(problems: Sequence[Problem], postures: Sequence[Posture]) -> Stances:
@@ -197,7 +198,7 @@ class Stances:
             frames=contact_frames(axes[:, 0], axes[:, 1]), friction=numbers[:, 0], shoulders_m=rest[:, 0],
             reach_m=numbers[:, 1], force_min_n=bounds[:, 0], force_max_n=bounds[:, 1],
             off_patch_m=patch_distances([contact.region.vertices_m for contact in contacts], toes),
-            rows=reach_rows(contacts),
+            rows=reach_rows(contacts), wrench=wrenches(problems),
         )  # fmt: skip
         counts = counts_of(tuple(contacts))
         return whole._on_soles(contacts, counts, postures) if counts else whole
@@ -222,6 +223,13 @@ class Stances:
         )  # fmt: skip
 
 
+def wrenches(problems: Sequence[Problem]) -> Array | None:
+    """What is on the bodies of posture problems beside their weight, shape (B, 6); None where none has anything."""
+    if all(problem.wrench is None for problem in problems):
+        return None
+    return np.array([np.zeros(6) if problem.wrench is None else problem.wrench[0] for problem in problems])
+
+
 def _claims(posture: Posture) -> list[tuple[Array, Array] | None]:
     """Where the points of every foot are claimed to be, and the forces at them; None of a posture on point feet."""
     if posture.points_m is None or posture.point_forces_n is None:
@@ -240,12 +248,15 @@ def violations(at: Stances) -> dict[str, Array]:
     levers = arms if at.offsets_m is None else arms + at.offsets_m
     net = np.add.reduceat(at.forces_n, starts)
     net[:, 2] -= at.weight_n
+    turn = np.add.reduceat(cross(levers, at.forces_n), starts)
+    if at.wrench is not None:
+        net, turn = net + at.wrench[:, :3], turn + at.wrench[:, 3:]
     f = (at.forces_n[:, None, :] @ at.frames)[:, 0]  # f_n, f_y, f_z            (3)
     to_toe = arms - at.shoulders_m - cross(at.rotation_rad[owner], at.shoulders_m)  # p_w − c − (I + [Θ]×) v  (11)
     return {
         "patch": at.off_patch_m,                                                      # p_w = Σ λ v              (1)
-        "force_balance": net,                                                         # Σ f + m g = 0            (5)
-        "moment_balance": np.add.reduceat(cross(levers, at.forces_n), starts),          # Σ (p_w − c) × f = 0      (6)
+        "force_balance": net,                                                         # Σ f + m g + F = 0        (5)
+        "moment_balance": turn,                                                       # Σ (p_w − c) × f + M = 0  (6)
         "friction": length(f[:, 1:]) - at.friction * f[:, 0],                         # ‖f_t‖ ≤ μ f_n           (10)
         "force_bounds": np.maximum(at.force_min_n - f, f - at.force_max_n),           # f_min ≤ f ≤ f_max
         "reach": beyond(length(to_toe) - at.reach_m, at.rotation_rad[owner], arms, at.rows),  # ‖·‖ ≤ reach     (11)

@@ -15,7 +15,7 @@ from .half_spaces import relative_rows, row_counts, scaled_half_spaces
 from .lagrangian import Leaves, Numbers
 from .multipliers import multiplier_count
 from .soles import counts_of, sole_points
-from .stances import Index, Schedule
+from .stances import Index, Schedule, wrenches
 
 Node = tuple[Index, Array, Array]
 """The piece that each candidate still has, and the force boxes."""
@@ -78,6 +78,7 @@ class Forest:
             apart_normals=apart[1],
             apart_bounds=apart[2] / length,
             linear=steps.linear_rows(length),
+            wrench=None if course.wrench is None else _scaled_wrench(course)[None, who.frame],
         )
         return Forest(numbers, [vertices / length for vertices in points])
 
@@ -118,12 +119,18 @@ class Forest:
             offsets=None if not points else _padded(
                 [sole_points(c.sole_m, c.patch, c.yaw_rad) for c in contacts]
             ).reshape(many, count, -1, 3) / lengths[:, None, None, None],
+            wrench=None if wrenches(problems) is None else np.array([_scaled_wrench(each) for each in problems]),
         )  # fmt: skip
         whole = np.concatenate([contact.region.vertices_m for contact in contacts])
         sizes = [len(contact.region.vertices_m) for contact in contacts]
         whole /= np.repeat(np.repeat(lengths, count), sizes)[:, None]
         ends = np.cumsum(sizes).tolist()
         return Forest(numbers, [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)])
+
+    @property
+    def patches(self) -> list[Array]:
+        """The whole patches of the first problem's candidates, shape (U, 3) each."""
+        return self._pieces[: len(self.numbers.candidate)]
 
     def replay(self, problem: int, certificate: Certificate) -> Replayed:
         """The leaves of a tree over one of the problems: patches and force boxes are cut again as the nodes say.
@@ -270,3 +277,11 @@ def _index(value: float, count: int, where: str) -> int:
     if value != int(value) or not 0 <= value < count:
         raise InvalidInput(f"{where}: expected an integer in [0, {count}), got {value:g}")
     return int(value)
+
+
+def _scaled_wrench(course: Problem) -> Array:
+    """What is on the body beside its weight at every frame, non-dimensional, shape (M, 6)."""
+    if course.wrench is None:
+        return np.zeros((course.frames, 6))
+    unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
+    return np.asarray(course.wrench / unit)

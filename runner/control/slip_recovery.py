@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.projection.force_distribution import ForceDistribution
+from stancekit.planners.projection.force_distribution import ForceDistribution, wrench_at
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
@@ -162,12 +162,13 @@ class SlipRecovery:
         under = state.feet_m - FOOT_RADIUS_M * normals
         toes = np.array([nearest_on(patch, toe) for patch, toe in zip(patches, under, strict=True)])
         com_m, stands = measured_com_m(self._kinematics, state), now.stands
+        wrench = wrench_at(course, index)
         turned = Rotation.from_matrix(state.rotation).as_rotvec()
 
         def shared(legs: NDArray[np.bool_]) -> Array | None:
             for share in shares:
                 dulled = [patch.with_friction(share * patch.friction) for patch in patches]
-                forces_n = self._distribution.forces(course, toes - com_m, dulled, legs)
+                forces_n = self._distribution.forces(course, toes - com_m, dulled, legs, wrench=wrench)
                 if forces_n is not None:
                     return forces_n
             return None

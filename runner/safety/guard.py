@@ -54,6 +54,11 @@ class _Loadable(Protocol):
     def preload(self, targets_rad: Array) -> bool: ...
 
 
+@runtime_checkable
+class _Bearing(Protocol):
+    def carry(self, wrench: Array) -> None: ...
+
+
 FORGIVEN = 0.5
 """So many periods in which a joint was away are made up for by one in which it was not."""
 STILL_RAD, SENT_RAD = 0.02, 0.1
@@ -158,6 +163,11 @@ class SafeWorld:
             return False
         self._last = np.array(targets_rad, dtype=float)
         return True
+
+    def carry(self, wrench: Array) -> None:
+        """Let a simulated body bear this force and moment beside its weight, shape (6,); a real one does already."""
+        if self.kind == "simulation" and isinstance(self.world, _Bearing):
+            self.world.carry(wrench)
 
     @property
     def last_rad(self) -> Array:

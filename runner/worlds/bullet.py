@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.terrain.prism import Solid
 
 from .contact import points
@@ -61,7 +61,10 @@ class BulletWorld(SimulatedWorld):
         stiffness = self.imperfections.stiffness_share * drives.stiffness_nm_rad
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         push = self.imperfections.pushed_n(self._time)
+        carried = self._carried.any()
         for _ in range(self._substeps):
+            if carried:
+                self._bear()
             if push.any():  # a step forgets it
                 at, _turn = bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)
                 bullet.applyExternalForce(
@@ -77,6 +80,22 @@ class BulletWorld(SimulatedWorld):
             bump += self._contacts(forces)
         self._time += self._substeps * PHYSICS_S
         return self._state(forces / self._substeps, bump / self._substeps, torques)
+
+    def _bear(self) -> None:
+        """Put what is carried on the body for one step: a force at the robot's centre of mass, and a pair of forces, as
+        PyBullet turns torques on a base into axes of its own."""
+        bullet, client, (force, moment) = self._bullet, self._client, np.split(self._carried, 2)
+        found = [bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)[0]]
+        if links := list(range(bullet.getNumJoints(self._robot, physicsClientId=client))):
+            found += [state[0] for state in bullet.getLinkStates(self._robot, links, physicsClientId=client)]
+        com = np.average(np.array(found), axis=0, weights=self._masses)
+        arm = np.eye(3)[int(np.abs(moment).argmin())]
+        arm = arm - moment * (arm @ moment) / max(float(moment @ moment), 1e-300)  # across the moment
+        pair = cross(moment, arm) / (2.0 * float(arm @ arm))
+        for each, at in ((force, com), (pair, com + arm), (-pair, com - arm)):
+            bullet.applyExternalForce(
+                self._robot, -1, each.tolist(), at.tolist(), bullet.WORLD_FRAME, physicsClientId=client
+            )
 
     def close(self) -> None:
         """Disconnect from the physics server."""
@@ -160,6 +179,8 @@ class BulletWorld(SimulatedWorld):
         self._feet = [self._links[foot] for foot in self.body.feet]
         heart = bullet.getDynamicsInfo(robot, -1, physicsClientId=client)  # PyBullet's base is at its centre of mass
         self._heart_m, self._heart = np.array(heart[3]), _matrix(heart[4])
+        links = range(-1, bullet.getNumJoints(robot, physicsClientId=client))
+        self._masses = [bullet.getDynamicsInfo(robot, link, physicsClientId=client)[0] for link in links]
         bullet.setJointMotorControlArray(
             robot, self._motors, bullet.VELOCITY_CONTROL, forces=[0.0] * len(self._motors), physicsClientId=client
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.terrain.prism import Solid
 
 from .contact import points
@@ -84,7 +84,7 @@ class MujocoWorld(SimulatedWorld):
         self._data.ctrl[:] = targets_rad
         contacts = list[tuple[NDArray[np.int_], Array]]()
         fades, ranges = bool(self.drives.fading.any()), self._model.actuator_forcerange
-        self._data.xfrc_applied[self._base, :3] = self.imperfections.pushed_n(float(self._data.time))
+        self._data.xfrc_applied[self._base] = self._on_body()
         for _ in range(self._substeps):
             if fades:
                 ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])
@@ -111,6 +111,14 @@ class MujocoWorld(SimulatedWorld):
                 data.efc_R[rows] *= count
                 data.efc_D[rows] /= count
         self._mujoco.mj_step2(self._model, data)
+
+    def _on_body(self) -> Array:
+        """Force on the base's own centre of mass and moment: what is carried, which acts at the robot's, and pushes."""
+        found = np.array(self._carried)
+        arm = self._data.subtree_com[self._base] - self._data.xipos[self._base]
+        found[3:] += cross(arm, self._carried[:3])
+        found[:3] += self.imperfections.pushed_n(float(self._data.time))
+        return found
 
     def close(self) -> None:
         """Drop the model."""

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
@@ -69,6 +69,7 @@ class SimulatedWorld(LatchedWorld):
         self._felt_late = round(imperfections.felt_delay_s * rate_hz)
         self._waiting: deque[Array] = deque()
         self._felt: deque[Array] = deque()
+        self._carried = np.zeros(6)
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
@@ -97,6 +98,11 @@ class SimulatedWorld(LatchedWorld):
         self._sent = np.clip(targets_rad, self.drives.lower_rad, self.drives.upper_rad)
         self._waiting = deque([self._sent] * self._late)
         return True
+
+    def carry(self, wrench: Array) -> None:
+        """From now on the robot bears this beside its weight: a force on its body [N], as if at its centre of mass, and
+        a moment [Nm], in the world, shape (6,)."""
+        self._carried = read_only(wrench, (6,), "wrench")
 
     def step(self, targets_rad: Array) -> State:
         """One control period with these position targets, shape (J,) [rad]."""

@@ -36,8 +36,9 @@ BOUNDED = [("bounded", ("wall-3", 5)), ("bounded", (2, (6, 3, 4, 3))), ("bounded
 SOLED = [("soled", ("wall-3", 5)), ("soled", (4, 1)), ("soled", (3, 3)), ("soled", ("bounded", (6, 2)))]
 PAIRED = [("paired", (3, 3)), ("paired", ("bounded", (6, 2)))]
 PUSHED = [("pushed", (4, 1)), ("pushed", (3, 3)), ("pushed", ("soled", (3, 3)))]
-PROBLEMS = [*POSTURES, *RAGGED, *COURSES, *BOUNDED, *SOLED, *PAIRED, *PUSHED]
-SOLVED = [("ground-3", 86), BOUNDED[1], BOUNDED[3], SOLED[0], SOLED[3], PAIRED[0]]
+LOADED = [("loaded", w) for w in (("wall-3", 5), (2, (6, 3, 4, 3)), (4, 1), (3, 3), ("soled", (3, 3)), PUSHED[1])]
+PROBLEMS = [*POSTURES, *RAGGED, *COURSES, *BOUNDED, *SOLED, *PAIRED, *PUSHED, *LOADED]
+SOLVED = [("ground-3", 86), BOUNDED[1], BOUNDED[3], SOLED[0], SOLED[3], PAIRED[0], LOADED[0], LOADED[3]]
 Programme = tuple[Callable[..., object], tuple[object, ...]]
 
 
@@ -50,6 +51,8 @@ def scaled(drawn, mixed, ragged, bounded, soled, paired) -> Callable[[tuple[obje
             return bounded(find(which[1]), 7)
         if which[0] == "pushed":
             return pushed(find(which[1]))
+        if which[0] == "loaded":
+            return loaded_with_wrench(find(which[1]))
         if which[0] == "paired":
             return paired(find(which[1]), 9)
         if which[0] == "soled":
@@ -67,6 +70,13 @@ def pushed(course: Problem) -> Problem:
     standing = np.tile(shoulders + np.array([0.02, 0.01, -0.2]), (course.frames, 1, 1))
     weights = replace(course.weights, stance=0.3)
     return replace(course, push_n=0.1 * course.weight_n, weights=weights, standing_m=standing)
+
+
+def loaded_with_wrench(problem: Problem) -> Problem:
+    """The same with another force and moment on the body at every frame, up to a third of the weight."""
+    unit = problem.weight_n * np.array([1.0, 1.0, 1.0, *(problem.length_scale_m,) * 3])
+    wrench = np.random.default_rng(5).uniform(-0.3, 0.3, (problem.frames, 6)) * unit
+    return problem.posture_with(wrench=wrench[0]) if problem.is_posture else replace(problem, wrench=wrench)
 
 
 @dataclass(frozen=True, eq=False)

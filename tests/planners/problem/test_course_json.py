@@ -111,7 +111,8 @@ def test_the_built_in_courses_come_back_to_the_last_bit(name):
 
 def test_every_field_of_a_course_is_in_the_file(data):
     written_as = {"footholds": "placements"}  # what files have called them since course/1
-    known = {written_as.get(f.name, f.name) for f in fields(Problem)} - {"push_n", "standing_m"}  # where asked
+    optional = {"push_n", "standing_m", "wrench"}  # where asked for
+    known = {written_as.get(f.name, f.name) for f in fields(Problem)} - optional
     assert known - {"force_scale_n"} | {"format"} == set(data)  # it is the weight, where files say no other
     scaled = course_to_json(replace(read_course("walls", frames=2), force_scale_n=50.0))
     assert known | {"format"} == set(scaled)

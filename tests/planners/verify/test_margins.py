@@ -119,9 +119,9 @@ def held(plan: Plan, stance: Stance, push_n: float, turn: float) -> bool:
     arms = plan.toes_at(stance.frame) - plan.com_m[stance.frame]
     patches = [course.patch(int(index), plan.choice) for index in course.holds[stance.frame]]
     bears = np.isin(np.arange(6), stance.limbs)
-    push = push_n / course.weight_n * np.array([np.cos(turn), np.sin(turn), 0.0])
+    push = push_n / course.weight_n * np.array([np.cos(turn), np.sin(turn), 0.0, 0.0, 0.0, 0.0])
     distribution = ForceDistribution(6)
-    return distribution.forces(course, arms, patches, bears, reserves=(1.0,), least=0.0, push=push) is not None
+    return distribution.forces(course, arms, patches, bears, reserves=(1.0,), least=0.0, wrench=push) is not None
 
 
 def test_a_push_that_is_said_to_be_borne_has_forces_in_all_directions(climb: Plan) -> None:

@@ -1,0 +1,95 @@
+"""External wrenches: forces and moments that act on the body beside its weight, as a payload, wind and a rope do.
+
+They are F and M of E5 and E6 without gravity: the contacts' forces add up to w e_z − F, their moments about the centre
+of mass to −M. Both are given on every key frame, in world axes. Between two frames the force and its moment about the
+origin of the world go over from the one to the other linearly, as the contacts' forces do, so that what holds at both
+frames holds all the way between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, cross, read_only
+
+if TYPE_CHECKING:
+    from .problem import Problem
+
+MOST_WEIGHTS = 100.0
+"""No posture bears a force of so many times the weight, nor such a moment at an arm of the length scale."""
+
+
+def checked_wrench(value: ArrayLike, shape: tuple[int, ...], *, weight_n: float, length_m: float) -> Array:
+    """A read-only copy of wrenches, the last axis of ``shape`` being 6: force [N] and moment [Nm].
+
+    Arguments:
+        value: the wrenches.
+        shape: that they have to have.
+        weight_n: of the robot.
+        length_m: length scale.
+    Raises:
+        InvalidInput: for what is no such array, and for magnitudes beyond any posture.
+    """
+    found = read_only(value, shape, "wrench")
+    for part, what, unit, most in (
+        (found[..., :3], "force", "N", MOST_WEIGHTS * weight_n),
+        (found[..., 3:], "moment", "Nm", MOST_WEIGHTS * weight_n * length_m),
+    ):
+        largest = float(np.linalg.norm(part, axis=-1).max())
+        if largest > most:
+            raise InvalidInput(
+                f"wrench: expected a {what} of at most {most:.4g} {unit}, {MOST_WEIGHTS:g} times the weight and beyond "
+                f"any posture, got {largest:.4g} {unit}"
+            )
+    return found
+
+
+def wrench_of(value: ArrayLike) -> Array:
+    """One wrench of three numbers, a force, or of six, a force and a moment; shape (6,). Raises InvalidInput."""
+    size = np.shape(value) if isinstance(value, np.ndarray) else (len(value),) if isinstance(value, Sequence) else ()
+    if size not in ((3,), (6,)) or isinstance(value, str):
+        raise InvalidInput(
+            f"wrench: expected 3 numbers, a force [N], or 6, a force and a moment about the centre of mass [Nm], "
+            f"got {value!r:.80}"
+        )
+    found = read_only(value, size, "wrench")
+    return np.concatenate([found, np.zeros(6 - len(found))])
+
+
+def at_point(force_n: ArrayLike, moment_nm: ArrayLike, at_m: ArrayLike) -> Array:
+    """The wrench about the centre of mass of a force at a point of the body and a moment, shape (6,).
+
+    Arguments:
+        force_n: shape (3,) [N].
+        moment_nm: shape (3,) [Nm].
+        at_m: from the centre of mass to the point where the force acts, shape (3,) [m].
+    """
+    force = np.asarray(force_n, dtype=np.float64)
+    moment = np.asarray(moment_nm, dtype=np.float64) + cross(np.asarray(at_m, dtype=np.float64), force)
+    return np.concatenate([force, moment])
+
+
+def wrench_between(course: Problem, frame: float) -> Array | None:
+    """The wrench at a key frame or between two, where it goes over from one to the other, shape (6,); None for none."""
+    if course.wrench is None:
+        return None
+    before = min(int(frame), course.frames - 1)
+    after, share = min(before + 1, course.frames - 1), frame - before
+    return np.asarray((1.0 - share) * course.wrench[before] + share * course.wrench[after])
+
+
+def loaded(course: Problem, wrench: Array | None) -> Problem:
+    """The course with a wrench on every frame, beside those that it has.
+
+    wrench: shape (6,), or None for the course as it is.
+    """
+    if wrench is None or not wrench.any():
+        return course
+    own = np.zeros((course.frames, 6)) if course.wrench is None else course.wrench
+    return replace(course, wrench=own + wrench)
