@@ -11,7 +11,7 @@ from _stand_list import Lines
 from referee import BrokenFile, KeyFrames, Push, Settings, Wrong, pushed, read
 
 from stancekit.planners.formats.plan_file import read_plan
-from stancekit.planners.verify.margins import stance_margins
+from stancekit.planners.verify.margins import stance_margins, verdict_yields_m
 
 TURNS_DEG = (90.0, 270.0, 45.0, 225.0, 135.0, 315.0, 0.0, 180.0)
 MOST = 1.3
@@ -105,7 +105,7 @@ def said_n(file: Path) -> list[float]:
     names = list(plan.course.robot.limb_names)
     known = {
         (margin.frame, frozenset(names.index(limb) for limb in margin.limbs)): margin.push_n
-        for margin in stance_margins(plan, pushes_alone=True)
+        for margin in stance_margins(plan, pushes_alone=True, yields_m=verdict_yields_m(plan))
     }
     motion = read(file).motion
     assert isinstance(motion, KeyFrames)

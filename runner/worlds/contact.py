@@ -10,10 +10,10 @@ that touches at several points shares k and b among them.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -80,10 +80,6 @@ class SoftContact:
                 f"contact_stiffness_n_m: expected {least:.3g} N/m or more, or one foot sinks more than "
                 f"{1e3 * DEEP_M:.0f} mm under all of the weight, got {self.stiffness_n_m:.4g}"
             )
-
-    def entry(self) -> dict[str, Any]:
-        """The numbers for a log or a report."""
-        return asdict(self)
 
 
 def points(depths_m: Array, normals: Array) -> float:
