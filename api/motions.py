@@ -45,6 +45,7 @@ def simulate(
     motion: Motion | str | Path,
     world: str | World = "mujoco",
     *,
+    setup: str | Path | None = None,
     settings: RunSettings = RunSettings(check_limits=False),
     progress: Progress | None = None,
 ) -> RunReport:
@@ -53,6 +54,7 @@ def simulate(
     Arguments:
         motion: a plan of key frames, a walk, or the file of either.
         world: "mujoco", "bullet", "FILE.py:NAME", or a simulated world that was made before.
+        setup: a file that says how the ground yields, stiffness and damping of contacts.
         settings: how it is run; its limits are not checked unless ``check_limits`` says so, to see what comes of it.
         progress: called with key frames done, and all.
     Returns:
@@ -69,7 +71,7 @@ def simulate(
         True
     """
     accepted = accepted_of(motion)
-    made = _world(world, accepted)
+    made = _world(world, accepted, setup)
     if made.kind != "simulation":
         made.close()
         called = world if isinstance(world, str) else made.name
@@ -95,7 +97,8 @@ def run(
     Arguments:
         motion: a plan of key frames, a walk, or the file of either; with ``policy`` also a course, by name or file.
         world: "mujoco", "bullet", "replay", "dynamixel", "ros", "FILE.py:NAME", or a world that was made before.
-        setup: the file that a world is made from: the log of replay, the calibration of dynamixel, the set-up of ros.
+        setup: the file that a world is made from: the log of replay, the calibration of dynamixel, the set-up of ros,
+            the ground of mujoco and bullet.
         settings: how it is run.
         arm: None moves nothing real, and says what would have been sent. "heard" arms where the e-stop was heard or
             somebody publishes it, "try" once it was pressed and released, "without" whatever is known of it.

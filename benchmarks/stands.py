@@ -3,7 +3,7 @@
     python benchmarks/stands.py plan --out FOLDER [--first N] [--robots go1 hyq] [--grounds gap] [--draws 0]
     python benchmarks/stands.py play FOLDER [--no-world]
     python benchmarks/stands.py play FILE.json ... --out LINES.jsonl [--mass 1.1 --friction .85 --delay-ms 15]
-    python benchmarks/stands.py push FILE.json ... --out LINES.jsonl [--stances 40 --seed 0]
+    python benchmarks/stands.py push FOLDER|FILE.json ... --out LINES.jsonl [--stances 40 --seed 0]
     python benchmarks/stands.py table FOLDER
 
 The list, its limits, and how grounds are scaled are in stands/list.yaml; the referee, benchmarks/referee, imports
@@ -17,7 +17,8 @@ play: every accepted plan of a folder in the referee, with and without feedback 
 command ``run`` in MuJoCo; or files, plans and walks, with what is wrong with robot and ground. stood: not .12 m or .6
 rad off on the way, nor .05 m or .2 rad at the end. --perturbed: every file once more, with all errors drawn
 from --seed: mass up to +10 %, friction down to 85 %, offsets up to .5 deg, delays up to 15 ms, soft contacts.
-push: stances of files drawn by seed, each pushed at the base in eight directions until it falls.
+push: stances of plans drawn by seed, each pushed at the base in eight directions until it falls; what was held in the
+worst of them against what the verifier says that the stance bears.
 table: shares with 95 % intervals (Wilson), by robot and by ground: of the list those accepted; of those that stood in
 the referee with feedback and without, and in the package's own run (world; what it refuses does not stand there).
 """
@@ -30,12 +31,13 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
+import _stand_pushes as pushes
 import numpy as np
 import tyro
 from _bench import Options
 from _stand_commands import MARGINS, planned, ran
 from _stand_list import LIST, Entry, Lines, entries, read_list
-from referee import BrokenFile, KeyFrames, Push, Wrong, play, read, read_settings
+from referee import BrokenFile, Wrong, play, read_settings
 from threadpoolctl import threadpool_limits
 
 from stancekit.learners.evaluation.evaluate import Share
@@ -44,7 +46,6 @@ PATIENCE_S = 900.0
 """A run in the package's MuJoCo is ended after so long."""
 WAYS = {"referee": Wrong(), "referee_feedback": Wrong(feedback=True)}
 """How every accepted plan of a folder is played."""
-DIRECTIONS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,34 +152,25 @@ class Pushes(Options):
     """Push stances until they fall."""
 
     paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of ``plan``, or files."""
     out: Path
     stances: int = 40
     feedback: bool = True
     most_share: float = 1.0
     """Largest push, in units of the weight."""
+    whole: bool = False
+    """Push in every direction until it falls, and not only as far as the worst direction so far."""
 
     def run(self) -> None:
-        """Push the stances that are drawn by seed."""
-        lines, settings = Lines(self.out), read_settings()
-        every = [
-            (file, stance)
-            for file in found_files(self.paths)
-            if isinstance(motion := read(file).motion, KeyFrames)
-            for stance in range(len(motion.stances))
-        ]
-        rng, wrong = np.random.default_rng(self.seed), Wrong(feedback=self.feedback)
-        for index in sorted(rng.permutation(len(every))[: self.stances].tolist()):
-            file, stance = every[index]
-            played = read(file)
-            most = self.most_share * played.robot.mass_kg * played.gravity_m_s2
-            for count in range(DIRECTIONS):
-                deg = 360.0 * count / DIRECTIONS
-                key = key_of(file, f"push-{stance}-{deg:.0f}", settings.sha256[:8], wrong.said())
-                if key in lines.rows:
-                    continue
-                push = Push(most_n=most, towards_deg=deg, stance=stance)
-                row = {"file": file.stem, "stance": stance, "towards_deg": deg}
-                self.say(lines.add(key, row | play(file, settings, wrong, push).json()))
+        """Push the stances that are drawn by seed, and sum up all lines there are."""
+        lines, settings, wrong = Lines(self.out), read_settings(), Wrong(feedback=self.feedback)
+        chosen = pushes.drawn(pushes.stances(found_files(self.paths)), self.stances, self.seed)
+        for file, which in chosen.items():
+            for key, row in pushes.rows(
+                file, which, lines, settings, wrong, self.most_share, self.whole
+            ):
+                self.say(lines.add(key, row))
+        self.say(pushes.summary(list(lines.rows.values())), pushes.line)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,11 +190,13 @@ class Table(Options):
 
 
 def found_files(paths: Sequence[Path]) -> list[Path]:
-    """The accepted plans of a folder of ``plan``, or the files themselves."""
-    if len(paths) == 1 and paths[0].is_dir():
-        rows = Lines(paths[0] / "plans.jsonl").rows.values()
-        return [paths[0] / "plans" / f"{row['key']}.json" for row in rows if row["accepted"]]
-    return list(paths)
+    """The accepted plans of folders of ``plan``, and files as they are."""
+    found = list[Path]()
+    for path in paths:
+        rows = Lines(path / "plans.jsonl").rows.values() if path.is_dir() else ()
+        found += [path / "plans" / f"{row['key']}.json" for row in rows if row["accepted"]]
+        found += [] if path.is_dir() else [path]
+    return found
 
 
 def key_of(file: Path, way: str, settings: str, said: Mapping[str, Any]) -> str:

@@ -67,7 +67,8 @@ class RunMotion:
     world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
     """Where to run it: bullet, mujoco, replay, dynamixel, ros, one of another package, or a class in a file."""
     setup: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """What the world is made from. replay: the log. dynamixel: the calibration file. ros: the set-up file."""
+    """What the world is made from. replay: the log. dynamixel: the calibration file. ros: the set-up file. bullet,
+    mujoco: ground that yields."""
     policy: Annotated[OptionalText, tyro.conf.arg(metavar="lift|FILE|NAME")] = None
     """Who plans on the way: any trained selector, a file or one that ships, or the lift, which needs none."""
     horizon: Annotated[OptionalInt, tyro.conf.arg(metavar="INT", help_behavior_hint="(default: 0)")] = None
@@ -76,12 +77,19 @@ class RunMotion:
     """A policy plans anew where body or feet are farther than this from the plan; inf for never."""
     friction_share: float = 1.0
     """Simulations: the terrain has only this share of the friction that the plan counts on."""
-    actuators: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
-    """What turns the joints: XM540-W270, XM430-W350, or a file that says which joint has which. Without it: what the
-    robot's own file says, or the device."""
+    contact_stiffness_n_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="N/M")] = None
+    """Simulations: feet sink into the ground by their force over this; without it the ground is hard."""
+    contact_damping_ns_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="NS/M")] = None
+    """Simulations: damping of that; without it a robot on all its feet sinks without swinging."""
+    least_push: Annotated[OptionalFloat, tyro.conf.arg(metavar="SHARE", help_behavior_hint="(default: 0.01)")] = None
+    """Plans: every stance of a robot with legs of its own file has to bear a push of this share of the weight, in any
+    direction; 0 runs all the same what is about to tip."""
     wrench: OptionalWrench = None
     """Simulations: force on the body beside its weight [N], and moment about the centre of mass [Nm], in world axes.
     Without it what the plan was made for; 0,0,0 for none."""
+    actuators: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
+    """What turns the joints: XM540-W270, XM430-W350, or a file that says which joint has which. Without it: what the
+    robot's own file says, or the device."""
     blind: bool = False
     """Simulations: send what a robot that measures its joints alone is sent."""
     odometry: bool = False
@@ -125,12 +133,12 @@ class RunMotion:
         from stancekit.runner.acceptance import Accepted, AcceptedGait
         from stancekit.runner.report import RunReport
         from stancekit.runner.safety.estop import on_signals
-        from stancekit.runner.worlds import WorldSettings
+        from stancekit.runner.worlds import SoftContact, WorldSettings
 
         with as_options("world"):
             kind = WORLDS.get(self.world)
         self._check(kind)
-        with as_options("speed_rad_s", "friction_share"):
+        with as_options("speed_rad_s", "friction_share", "least_push"):
             settings = self._settings()
         request, policy, led = self._request(), None, self.policy is not None
         with as_options("friction_share", "wrench", "blind", "policy"):
@@ -141,11 +149,12 @@ class RunMotion:
                 raise InvalidInput(said) from None
         with ExitStack() as stack:
             made_for = request.plan.course if isinstance(request, Accepted) else request
-            with as_options("setup", "rate_hz", "actuators"):
+            with as_options("setup", "rate_hz", "actuators", "contact_stiffness_n_m", "contact_damping_ns_m"):
                 world = kind.make(
                     WorldSettings(
                         robot=made_for.robot, gravity_m_s2=made_for.gravity_m_s2, setup=self.setup,
                         rate_hz=self.rate_hz, actuators=self._actuators(), estop=self._estop(),
+                        contact=SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m),
                     )
                 )  # fmt: skip
             stack.callback(world.close)
@@ -159,15 +168,18 @@ class RunMotion:
                 assert isinstance(made_for, Problem)
                 policy = policy_of(self.policy or LIFT, made_for)
             bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
-            report = run(
-                request,
-                world,
-                settings=replace(settings, stops=tuple(sources)),
-                arm=self._estop() if self.arm else None,
-                policy=(policy or LIFT) if led else None,
-                log=self.log,
-                progress=bar,
-            )
+            try:
+                report = run(
+                    request,
+                    world,
+                    settings=replace(settings, stops=tuple(sources)),
+                    arm=self._estop() if self.arm else None,
+                    policy=(policy or LIFT) if led else None,
+                    log=self.log,
+                    progress=bar,
+                )
+            except InvalidInput as error:
+                raise InvalidInput(str(error).replace("least_push 0 runs", "--least-push 0 runs")) from None
         if isinstance(report, RunReport):
             assert isinstance(request, Accepted | AcceptedGait)
             film(self.video, request, report)
@@ -214,12 +226,14 @@ class RunMotion:
 
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         given: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
+        limits: dict[str, Any] = {} if self.least_push is None else {"least_push": self.least_push}
         with as_options("wrench"):
             wrench = RunSettings(wrench=wrench_numbers(self.wrench)).wrench
         return RunSettings(
             wrench=wrench,
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
             blind=self.blind, odometry=self.odometry, friction_share=self.friction_share, loop=LoopSettings(**given),
+            **limits,
         )  # fmt: skip
 
     def _estop(self) -> EstopCheck:
@@ -243,6 +257,7 @@ class RunMotion:
         if self.replan_m is not None and not self.replan_m > 0.0:
             raise InvalidInput(f"--replan-m: expected a number above 0, or inf, got {self.replan_m:g}")
         simulated, replayed, led = kind.kind == "simulation", kind.kind == "recording", self.policy is not None
+        soft = self.contact_stiffness_n_m is not None or self.contact_damping_ns_m is not None
         drawn = f"expected a plan or a gait in a simulated world with it, got {'--policy' if led else self.world}"
         without = "expected --policy with it, got none"
         for wrong, message in (
@@ -251,6 +266,8 @@ class RunMotion:
             (self.try_estop and self.without_estop, "--try-estop: expected it without --without-estop, got both"),
             (self.actuators is not None and replayed,
              f"--actuators: expected none with world {self.world}: the log has its own"),
+            (soft and not simulated,
+             f"--contact-stiffness-n-m: expected a simulated world with it, got {self.world}"),
             (self.horizon is not None and not led, f"--horizon: {without}"),
             (self.replan_m is not None and not led, f"--replan-m: {without}"),
         ):  # fmt: skip

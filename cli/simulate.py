@@ -13,12 +13,13 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
-from .options import OptionalPath, check_drawn
+from .options import OptionalFloat, OptionalPath, check_drawn
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan
     from stancekit.runner.execution import Execution
     from stancekit.runner.report import RunReport
+    from stancekit.runner.worlds import World
 
 
 @dataclass
@@ -45,6 +46,10 @@ class Simulate:
     """Press as planned, or with forces shared anew among the limbs of every stance, with a reserve of friction."""
     pace: float = 1.0
     """How fast: 2 takes half the time, as far as the joints can turn."""
+    contact_stiffness_n_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="N/M")] = None
+    """Feet sink into the ground by their force over this; without it the ground is hard."""
+    contact_damping_ns_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="NS/M")] = None
+    """Damping of that; without it a robot on all its feet sinks without swinging."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the end, .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
@@ -56,12 +61,13 @@ class Simulate:
 
     def run(self) -> int:
         """Read, execute, compare."""
-        from stancekit.motions import simulate
+        from stancekit.motions import WORLDS, simulate
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.formats.plan_file import read_plan
         from stancekit.planners.motion.plan_motion import Timing
         from stancekit.runner.acceptance import Accepted
         from stancekit.runner.settings import RunSettings
+        from stancekit.runner.worlds import SoftContact, WorldSettings
 
         checked(self.pace, "--pace", least=0.1, most=4.0)
         self._check_files()
@@ -72,8 +78,16 @@ class Simulate:
         accepted = Accepted.verified(plan, str(self.plan))
         timing = Timing().at_pace(self.pace)
         settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
+        world: str | World = self.world
+        with as_options("world", "contact_stiffness_n_m", "contact_damping_ns_m"):
+            contact = SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
+            if contact is not None and (kind := WORLDS.get(self.world)).kind == "simulation":
+                course = plan.course
+                world = kind.make(
+                    WorldSettings(robot=course.robot, gravity_m_s2=course.gravity_m_s2, contact=contact)
+                )
         with as_options("world"), progress(f"simulate {plan.course.name} in {self.world}") as bar:
-            report = simulate(accepted, self.world, settings=settings, progress=bar)
+            report = simulate(accepted, world, settings=settings, progress=bar)
         execution = report.execution
         if execution is None:
             complain(f"stancekit: failed: {self.plan}: {report.message}")

@@ -22,6 +22,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.joints import joint_report
+from stancekit.planners.verify.tipping import tipping
 from stancekit.planners.verify.trajectories import check_trajectory
 
 from .worlds.world import Ground, World
@@ -52,6 +53,12 @@ class Accepted:
             raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")
         _check_hindrance(report, source)
         return cls(plan=plan, digest=report.digest, source=source)
+
+    def check_stands(self, least_push: float) -> None:
+        """Raise InvalidInput for a plan that is about to tip. least_push: that every stance has to bear, as a share of
+        the weight."""
+        if tips := tipping(self.plan, least_push):
+            raise InvalidInput(f"{self.source}: {tips}; least_push 0 runs it all the same")
 
     def check_fits(self, world: World) -> None:
         """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose of the plan."""

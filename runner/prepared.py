@@ -128,6 +128,8 @@ def prepare_plan(
     check_settings(settings, world)
     plan, sees = accepted.plan, sees_feet(world, settings)
     if settings.check_limits:
+        if resumption is None and not settings.hung:
+            accepted.check_stands(settings.least_push)
         accepted.check_fits(world)
     else:
         check_joints(accepted.source, plan.course.robot, world, plan.course.gravity_m_s2)

@@ -8,6 +8,7 @@ from typing import Literal
 from stancekit.planners.files.arrays import checked
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.wrench import wrench_of
+from stancekit.planners.verify.tipping import LEAST_PUSH
 
 from .control.body_feedback import BodyFeedback
 from .control.foot_placement import ContactFeedback
@@ -36,6 +37,8 @@ class RunSettings:
             as "planned".
         check_limits: a plan is slowed down to what its joints can do, and refused where no pace helps; False, for
             simulations only, to see what comes of it.
+        least_push: a plan for a robot's own legs is refused where a stance bears no push of this share of the weight;
+            0 to run it all the same.
         blind: send what a robot that measures its joints alone is sent, and use nothing else that the world measures.
         odometry: where the body is is taken from its joints and the feet that stand, and fed back, whatever the world
             measures.
@@ -64,6 +67,7 @@ class RunSettings:
     hung: bool = False
     forces: Literal["shared", "planned"] = "shared"
     check_limits: bool = True
+    least_push: float = LEAST_PUSH
     blind: bool = False
     odometry: bool = False
     friction_share: float = 1.0
@@ -73,6 +77,7 @@ class RunSettings:
 
     def __post_init__(self) -> None:
         checked(self.speed_rad_s, "speed_rad_s", above=0.0)
+        checked(self.least_push, "least_push", least=0.0, most=1.0)
         checked(self.friction_share, "friction_share", above=0.0, most=1.0)
         if self.wrench is not None:
             object.__setattr__(self, "wrench", tuple(wrench_of(self.wrench).tolist()))

@@ -9,7 +9,7 @@ that stand share within their cones, and feet in the air that go where a plan ha
 
 from .files import BrokenFile, KeyFrames, read
 from .settings import Push, Settings, Wrong, read_settings
-from .simulation import Row, play
+from .simulation import Row, play, pushed
 
 __all__ = [
     "BrokenFile",
@@ -19,6 +19,7 @@ __all__ = [
     "Settings",
     "Wrong",
     "play",
+    "pushed",
     "read",
     "read_settings",
 ]

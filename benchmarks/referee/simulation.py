@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -80,12 +81,38 @@ def play(
     Raises:
         BrokenFile: in one line, for what cannot be played.
     """
+    if push is not None:
+        return next(pushed(path, settings, wrong, (push,)))
     played = read(path)
-    try:
+    with _in_one_line(path):
+        return _Run(*prepared(played, settings, wrong), settings, wrong).to_the_end()
+
+
+def pushed(
+    path: str | Path, settings: Settings, wrong: Wrong, pushes: Iterable[Push]
+) -> Iterator[Row]:
+    """Push stances of a file one after another, each until it falls.
+
+    Arguments:
+        path: a plan or a walk.
+        settings: the referee's.
+        wrong: what is not as the file has it.
+        pushes: the motion is prepared once for all of them, and each is asked for when the one before it ended.
+    Raises:
+        BrokenFile: in one line, for what cannot be played.
+    """
+    played = read(path)
+    with _in_one_line(path):
         ready = prepared(played, settings, wrong)
-        if push is not None:
-            return _pushed(ready, played, settings, wrong, push)
-        return _Run(*ready, settings, wrong).to_the_end()
+        for push in pushes:
+            yield _pushed(ready, played, settings, wrong, push)
+
+
+@contextmanager
+def _in_one_line(path: str | Path) -> Iterator[None]:
+    """Raise BrokenFile for what comes of a file's numbers."""
+    try:
+        yield
     except (ValueError, mujoco.FatalError) as error:
         raise BrokenFile(f"{path}: {' '.join(str(error).split())[:300]}") from None
 

@@ -56,6 +56,8 @@ SECTIONS = (
     Section("Training", "YAML for `stancekit train`.", ("learners.training.train_config:TrainConfig",)),
     Section("Servo buses", "`stancekit/servos/1`, YAML for `stancekit run --world dynamixel --setup`.",
             ("runner.worlds.dynamixel.calibration:Calibration",)),
+    Section("Simulations", "`stancekit/simulation/1`, YAML or JSON for `stancekit run --world mujoco|bullet --setup`.",
+            ("runner.worlds.contact:SimulationSetup",)),
     Section("Robots behind a rosbridge", "`stancekit/ros/1`, YAML for `stancekit run --world ros --setup`.",
             ("runner.worlds.ros.setup:RosSetup",)),
     Section("Walks of other programs", "YAML for `stancekit bench gait --against`; see [formats](../formats.md).",

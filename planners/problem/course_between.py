@@ -40,8 +40,8 @@ LATTICE_M = 0.04
 MOST_NODES = 1_000_000
 ASIDE = 0.35
 """How far a toe's foothold may be from where it likes to be, in reaches."""
-APART = 0.3
-"""How far a foothold may be above or below the mean of all, in reaches."""
+APART = (0.3, 0.5)
+"""How far a foothold may be above or below the mean of all, in reaches: the second where the first leaves no way."""
 STRIDE = 0.5
 """Way of the body until all limbs have moved once, in reaches."""
 STRAIGHT_M = 0.03
@@ -84,8 +84,8 @@ def course_between(
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     found = terrain.along(np.array(keys["goal_m"])[None], folder)
-    lattice = _Lattice.over([patch for _, patch in found.standing], toes, reach)
-    way = lattice.way(np.array(start_m, dtype=np.float64), np.array(goal_m, dtype=np.float64), body)
+    ends = np.array([start_m, goal_m], dtype=np.float64)
+    way = _way([patch for _, patch in found.standing], toes, reach, ends, body)
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
     turns = 2 if gait == "tripod" else len(body.limbs)
     if alternative.gait is not None:
@@ -145,6 +145,18 @@ def laid_between(
     return laid_out
 
 
+def _way(patches: Sequence[Patch], toes: Array, reach_m: float, ends_m: Array, robot: Robot) -> Array:
+    """Points of the shortest way between two places, shape (L, 3) [m]. Raises NoPlace and PlanningFailed."""
+    start, goal = ends_m
+    try:
+        return _Lattice.over(patches, toes, reach_m, APART[0]).way(start, goal, robot)
+    except (NoPlace, PlanningFailed) as error:
+        try:
+            return _Lattice.over(patches, toes, reach_m, APART[1]).way(start, goal, robot)
+        except (NoPlace, PlanningFailed):
+            raise error from None
+
+
 def _called(file: str) -> str:
     """What a course over a terrain is called: as its file without the ending, or as its ground."""
     from ..terrain.reference import names_ground  # splines are slow to import
@@ -165,8 +177,9 @@ class _Lattice:
     reach_m: float
 
     @classmethod
-    def over(cls, patches: Sequence[Patch], toes: Array, reach_m: float) -> _Lattice:
-        """The lattice over footholds. toes: from the centre of mass as the robot stands, shape (N, 3) [m]."""
+    def over(cls, patches: Sequence[Patch], toes: Array, reach_m: float, apart: float) -> _Lattice:
+        """The lattice over footholds. toes: from the centre of mass as the robot stands, shape (N, 3) [m]; apart: how
+        far one may be above or below their mean, in reaches."""
         corners = np.concatenate([patch.vertices_m for patch in patches])[:, :2]
         room = float(np.abs(toes[:, :2]).max()) + ASIDE * reach_m
         low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
@@ -184,7 +197,7 @@ class _Lattice:
         levels = np.array(each)
         lacking = np.where(np.isnan(levels).any(axis=0), np.isnan(levels).argmax(axis=0), -1)
         z = levels.mean(axis=0)
-        z[np.abs(levels - z).max(axis=0) > APART * reach_m] = np.nan
+        z[np.abs(levels - z).max(axis=0) > apart * reach_m] = np.nan
         worth = 1.0 + (RARE - 1.0) * np.clip(np.mean(costs, axis=0), 0.0, 1.0)
         return cls(corner_m=low, spacing_m=spacing, z_m=z, worth=worth, missing=lacking, reach_m=reach_m)
 

@@ -28,6 +28,10 @@ AS_IT_STANDS = 0.3
 """Weight of toes near where they are as a robot of a file stands, so that it does not walk them in to a line."""
 UPRIGHT = 0.1
 """Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of steps."""
+BODY_ROOM = 0.2
+"""How far the body of a robot of a file may be from its nominal path, in units of its height, where that is more."""
+LEVEL_RAD = 0.1
+"""Tilt limit of plans over inner sets: at 15° these lose as much to the tilt as a quadruped's legs have to spare."""
 ROLLS_RAD = 0.6
 """A leg that stands turns by as much to either side, and its foot, which is round, rolls as far times its radius."""
 MOST_EVERYWHERE = 32
@@ -158,7 +162,8 @@ ViaKey = Annotated[Annotated[Point, Tag(PLAIN)] | Annotated[ViaSpec, Tag(MADE_UP
 
 
 class BodySpec(_Keys):
-    """How far the COM may be from its nominal path, and at the first and last frame; and the largest body rotation."""
+    """How far the COM may be from its nominal path, and at the first and last frame; and the largest body rotation. Of
+    a robot of a file the former is a fifth of its height where that is more, and the latter 0.1 rad for plans."""
 
     com_radius_m: Least = 0.06
     first_radius_m: Least = 0.02
@@ -294,10 +299,11 @@ class CourseSpec(_Keys):
 
         return with_mass(found, self.mass_kg)
 
-    def standing(self, model: RobotModel | None, robot: Robot) -> CourseSpec:
+    def standing(self, model: RobotModel | None, robot: Robot, sets: Sets = "inner") -> CourseSpec:
         """The same with toes where the model has them as it stands, if the file does not say where they should be, so
-        far from borders of surfaces, where a riser may be, that its feet have room, and near its nominal path. Without
-        a model as it is."""
+        far from borders of surfaces, where a riser may be, that its feet have room, and near its nominal path, from
+        which a high body may be farther than a low one; of inner sets, which shrink with the tilt, with less of it.
+        Without a model as it is."""
         if model is None:
             return self
         from ..robot.contact_robot import standing_toes
@@ -307,6 +313,14 @@ class CourseSpec(_Keys):
             rolls = 0.0 if self.candidates.everywhere else ROLLS_RAD  # proofs are of all that a foot may stand on
             margin = max(self.candidates.margin_m, *((1.0 + rolls) * leg.radius_m + ROOM_M for leg in model.legs))
             update["candidates"] = self.candidates.model_copy(update={"margin_m": margin})
+        body = {}
+        if "com_radius_m" not in self.body.model_fields_set:
+            high_m = -float(standing_toes(model)[:, 2].mean())
+            body["com_radius_m"] = max(self.body.com_radius_m, BODY_ROOM * high_m)
+        if "tilt_limit_rad" not in self.body.model_fields_set and sets == "inner":
+            body["tilt_limit_rad"] = LEVEL_RAD
+        if body:
+            update["body"] = self.body.model_copy(update=body)
         if "com_path" not in self.weights.model_fields_set:
             update["weights"] = self.weights.model_copy(update={"com_path": UPRIGHT})
         if "stance" not in self.weights.model_fields_set:

@@ -50,7 +50,7 @@ def build_course(
     placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach
     if robot.source.own and sets == "outer" and not spec.candidates.everywhere:
         placed_by = spec.make_robot(model)
-    spec = alternative.of(spec.standing(model, placed_by), placed_by)
+    spec = alternative.of(spec.standing(model, placed_by, sets), placed_by)
     spec = _started(spec, placed_by, folder)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
@@ -260,7 +260,8 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
 
 def _with_shifts(sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]) -> tuple[tuple[str, ...], ...]:
     """A cycle with a frame in which nobody moves wherever the supports before and after it share a line alone: on all
-    of its feet the body comes from the one to the other. Of four feet these are those of diagonal neighbours.
+    of its feet the body comes from the one to the other. Of four feet these are those of diagonal neighbours. A cycle
+    that would end so begins so, since a robot that stands is in the middle of its feet.
 
     places: of the limbs, for which side of a line they are on.
     """
@@ -274,7 +275,7 @@ def _with_shifts(sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]) -
                      for off in (places[name][:2] - first for name in (*moved, *moving))]  # fmt: skip
             if len(set(sides)) > 1:
                 cycle.append(())
-    return tuple(cycle)
+    return tuple(cycle[-1:] + cycle[:-1] if not cycle[-1] else cycle)
 
 
 def _schedule(robot: Robot, lifts: Sequence[Sequence[str]]) -> list[tuple[int, Limb, int]]:

@@ -131,8 +131,11 @@ def whole_body(
     solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
     angles = np.array([answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)])
     plan = replace(plan, joints_rad=angles)
+    borne = push_share(plan)
+    if borne and plan.course.robot.source.own:  # whose plans have to bear one
+        return _bent(plan, limits, solver, deadline, braced=True)
     found = _bent(plan, limits, solver, deadline)
-    if found.steps and push_share(found.plan) < push_share(plan):
+    if found.steps and push_share(found.plan) < borne:
         other = _bent(plan, limits, solver, deadline, braced=True)
         if other.after.excess <= found.after.excess and push_share(other.plan) > push_share(found.plan):
             return replace(other, steps=found.steps + other.steps)

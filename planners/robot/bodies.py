@@ -1,7 +1,8 @@
 """Which of a robot's links are inside each other or inside the terrain, and how deep (coal, extra ``kin``).
 
-Links are the shapes that their file says they collide with, meshes by their convex hulls. Pairs whose boxes some axis
-of either keeps apart are clear (the separating-axis theorem); coal measures the rest.
+Links are the shapes that their file says they collide with, meshes by their convex hulls, and where a hull is much
+larger than its mesh and near to something, by convex parts. Pairs whose boxes some axis of either keeps apart are clear
+(the separating-axis theorem); coal measures the rest.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ FINE, ARCS = 0.5, 1.01
 farther on the arcs of joints than straight."""
 SIDES = np.array(list(product((-1.0, 1.0), repeat=3)))
 """Corners of a box in units of half its sides."""
+PARTS_M = 0.02
+"""Where hulls are nearer than this, or inside each other, it is their parts that are measured [m]."""
 POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
 LONG_M = 0.05
@@ -78,6 +81,7 @@ class Bodies:
         self._carriers = np.array([kinematics.carrier(mount) for mount in mounts], dtype=int)
         self._turns, self._origins = _on_carriers(mounts, [shape for shape, _ in shapes])
         self._geometry = [self._made(shape, points) for shape, points in shapes]
+        self._parts = [_Parts.of([(self._hull(part), part) for part in shape.parts_m]) for shape, _ in shapes]
         points = [each for _, each in shapes]
         boxes = np.array([_box(geometry) for geometry in self._geometry]).reshape(-1, 2, 3)
         self._middles, self._halves = boxes[:, 0], boxes[:, 1]
@@ -377,13 +381,33 @@ class Bodies:
 
     def _distance(self, turns: Array, origins: Array, shape: int, other: int, *, terrain: bool = False) -> float:
         """Between a shape and another one, or a part of the terrain, negative where one is inside the other [m]."""
-        one = self._geometry[shape], self._coal.Transform3s(turns[shape], origins[shape])
-        two = (
-            (self._solids[other], self._here) if terrain
-            else (self._geometry[other], self._coal.Transform3s(turns[other], origins[other]))
-        )  # fmt: skip
-        self._result.clear()
-        return float(self._coal.distance(*one, *two, self._request, self._result))
+        coal = self._coal
+        here = coal.Transform3s(turns[shape], origins[shape])
+        there = self._here if terrain else coal.Transform3s(turns[other], origins[other])
+
+        def between(one: Any, two: Any) -> float:
+            self._result.clear()
+            return float(coal.distance(one, here, two, there, self._request, self._result))
+
+        whole = self._solids[other] if terrain else self._geometry[other]
+        apart_m = between(self._geometry[shape], whole)
+        its, others = self._parts[shape], _NO_PARTS if terrain else self._parts[other]
+        if apart_m >= PARTS_M or not (its.geometry or others.geometry):
+            return apart_m
+        its = its.placed(turns[shape], origins[shape]) if its.geometry else _Parts.whole(self._geometry[shape])
+        others = others.placed(turns[other], origins[other]) if others.geometry else _Parts.whole(whole)
+        far_m = np.linalg.norm(its.middles[:, None] - others.middles, axis=2) - its.radii[:, None] - others.radii
+        least, best, last = np.inf, (0, 0), (0, 0)
+        for at in np.argsort(far_m, axis=None).tolist():
+            i, j = divmod(at, len(others.radii))
+            if far_m[i, j] >= least:
+                break
+            last, apart_m = (i, j), between(its.geometry[i], others.geometry[j])
+            if apart_m < least:
+                least, best = apart_m, last
+        if last != best:  # the nearest points are those of the last that was measured
+            between(its.geometry[best[0]], others.geometry[best[1]])
+        return least
 
     def _made(self, shape: Shape, points: Array) -> Any:
         """A shape as coal has it."""
@@ -400,6 +424,34 @@ class Bodies:
         for point in points:
             corners.append(point)
         return self._coal.Convex.convexHull(corners, True, "Qt")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Parts:
+    """Convex parts of a shape, and balls about them: middles, shape (P, 3), radii, (P,) [m]."""
+
+    geometry: tuple[Any, ...]
+    middles: Array
+    radii: Array
+
+    @classmethod
+    def of(cls, parts: Sequence[tuple[Any, Array]]) -> _Parts:
+        """Of geometry and corners of each."""
+        middles = np.array([corners.mean(axis=0) for _, corners in parts]).reshape(-1, 3)
+        radii = [np.linalg.norm(each - middle, axis=1).max() for (_, each), middle in zip(parts, middles, strict=True)]
+        return cls(geometry=tuple(each for each, _ in parts), middles=middles, radii=np.array(radii))
+
+    @classmethod
+    def whole(cls, geometry: Any) -> _Parts:
+        """A shape that has none, which may be anywhere."""
+        return cls(geometry=(geometry,), middles=np.zeros((1, 3)), radii=np.array([np.inf]))
+
+    def placed(self, turn: Array, origin: Array) -> _Parts:
+        """The same with the shape at a place."""
+        return replace(self, middles=self.middles @ turn.T + origin)
+
+
+_NO_PARTS = _Parts.of(())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

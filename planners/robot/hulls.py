@@ -1,7 +1,8 @@
 """Convex hulls of meshes: all that is known of a mesh as a body, and what travels in files in its place.
 
-A hull is of all corners of its mesh, to a micrometre. It is read once, when a robot's own files are read; a robot out
-of a plan's file has the hulls that were written, and looks for no mesh.
+A hull is of all corners of its mesh, to a micrometre; a mesh that is much smaller than its hull has convex parts beside
+it. They are read once, when a robot's own files are read; a robot out of a plan's file has those that were written, and
+looks for no mesh.
 """
 
 from __future__ import annotations
@@ -9,20 +10,27 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.archive import unpacked
 from ..files.arrays import Array, read_only
+from ..files.documents import read_bytes
 from ..files.embedded import embedded, extracted
 from ..files.validation import shown
-from .meshes import read_mesh
+from ..terrain.mesh_file import MOST_BYTES
+from .meshes import kept, read_mesh
 from .shapes import Shape
 from .solids import solid_shapes
 
+VERSION = "parts/1"
+"""Part of every digest of kept parts: a change of method changes it, and older ones are no longer found."""
 DIGITS = 6
 """Decimals of a corner [m]."""
+ROOM_M = 3e-5
+"""Parts are as near to their hull: corners are rounded, and what is flat is a little thick [m]."""
 MOST_CORNERS = 1_000_000
 """Corners of all hulls in one file."""
 
@@ -45,7 +53,7 @@ def with_hulls(shapes: Sequence[Shape]) -> tuple[tuple[Shape, ...], list[tuple[s
     has no hull, with why."""
     bodies, known = (
         {id(shape) for shape in solid_shapes(shapes)},
-        dict[tuple[str, bytes], Array | str](),
+        dict[tuple[str, bytes], tuple[Array, tuple[Array, ...]] | str](),
     )
     found, doubts = list[Shape](), dict[tuple[str, str], None]()
     for shape in shapes:
@@ -56,7 +64,7 @@ def with_hulls(shapes: Sequence[Shape]) -> tuple[tuple[Shape, ...], list[tuple[s
             if isinstance(hull := known[key], str):
                 doubts[f"link {shape.link}", f"has no body, mesh {shown(shape.mesh.name)}: {hull}"] = None
             else:
-                shape = replace(shape, corners_m=hull)
+                shape = replace(shape, corners_m=hull[0], parts_m=hull[1])
         found.append(shape)
     return tuple(found), list(doubts)
 
@@ -66,11 +74,12 @@ def with_same_hulls(shapes: Sequence[Shape], read: Sequence[Shape]) -> tuple[Sha
 
     A mesh is often both a link's body and what the link looks like; only the body has a hull.
     """
-    hulls = {_place(shape): shape.corners_m for shape in read if shape.corners_m is not None}
-    bodies = {id(shape) for shape in solid_shapes(shapes)}
-    return tuple(
-        replace(shape, corners_m=hulls.get(_place(shape))) if id(shape) in bodies else shape for shape in shapes
-    )
+    hulls = {_place(shape): (shape.corners_m, shape.parts_m) for shape in read if shape.corners_m is not None}
+    bodies, found = {id(shape) for shape in solid_shapes(shapes)}, list[Shape]()
+    for shape in shapes:
+        corners, parts = hulls.get(_place(shape), (None, ()))
+        found.append(replace(shape, corners_m=corners, parts_m=parts) if id(shape) in bodies else shape)
+    return tuple(found)
 
 
 def _place(shape: Shape) -> tuple[str, str, bytes]:
@@ -79,47 +88,91 @@ def _place(shape: Shape) -> tuple[str, str, bytes]:
     return shape.link, str(shape.mesh), numbers.tobytes()
 
 
-def _read_hull(path: Path, scale: Array) -> Array | str:
-    """The corners of a mesh's hull, or why it has none."""
+def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | str:
+    """The corners of a mesh's hull and of its parts, or why it has none."""
     try:
-        corners = hull_corners(read_mesh(path, scale).vertices_m)
+        mesh = read_mesh(path, scale)
+        said = f"{VERSION}\0{scale.tolist()}\0".encode() + read_bytes(path, MOST_BYTES)
     except InvalidInput as error:
         return str(error).removeprefix(f"{path}: ")
-    return "expected corners around a volume, got a flat one" if corners is None else corners
+    corners = hull_corners(mesh.vertices_m)
+    if corners is None:
+        return "expected corners around a volume, got a flat one"
+
+    def made() -> dict[str, Any]:
+        from .convex_parts import convex_parts  # loads scipy
+
+        each = (hull_corners(part) for part in convex_parts(mesh.vertices_m, mesh.faces))
+        return {str(k): part for k, part in enumerate(part for part in each if part is not None)}
+
+    parts = kept(said, made, lambda arrays: _parts_of(arrays, corners))
+    return corners, parts or ()
+
+
+def _parts_of(arrays: Mapping[str, Array], corners: Array) -> tuple[Array, ...]:
+    """Parts of a hull out of arrays by number. Raises InvalidInput and KeyError for what is none."""
+    parts = tuple(read_only(arrays[str(k)], (None, 3), f"part {k}") for k in range(len(arrays)))
+    if parts and not _fills(parts, corners):
+        raise InvalidInput("expected parts whose hull is that of the mesh, got others")
+    return parts
 
 
 def hulls_to_text(shapes: Sequence[Shape]) -> str:
-    """The hulls of a robot's meshes as text, by the number of the shape; empty where it has none."""
-    hulls = {
-        str(i): shape.corners_m for i, shape in enumerate(shapes) if shape.corners_m is not None
-    }
+    """The hulls of a robot's meshes as text, by the number of the shape, and their parts as NUMBER_PART; empty where it
+    has none."""
+    hulls = dict[str, Array]()
+    for i, shape in enumerate(shapes):
+        if shape.corners_m is not None:
+            hulls[str(i)] = shape.corners_m
+            hulls |= {f"{i}_{k}": part for k, part in enumerate(shape.parts_m)}
     return embedded(hulls) if hulls else ""
 
 
-def hulls_of_text(text: str) -> dict[int, Array]:
-    """The hulls that ``hulls_to_text`` wrote, by the number of the shape. Raises InvalidInput for what is none."""
+def hulls_of_text(text: str) -> dict[int, list[Array]]:
+    """The hulls that ``hulls_to_text`` wrote, by the number of the shape, each with its parts after it. Raises
+    InvalidInput for what is none."""
     if not text:
         return {}
-    found = dict[int, Array]()
+    found = dict[int, dict[int, Array]]()
     for name, corners in unpacked(extracted(text, "model: hulls"), "model: hulls").items():
-        if not name.isdecimal():
+        shape, line, part = name.partition("_")
+        if not shape.isdecimal() or (line and not part.isdecimal()):
             raise InvalidInput(f"model: hulls: expected numbers of shapes, got {name:.40}")
-        found[int(name)] = read_only(corners, (None, 3), f"model: hulls: {name}")
-    if sum(map(len, found.values())) > MOST_CORNERS:
+        own = read_only(corners, (None, 3), f"model: hulls: {name}")
+        found.setdefault(int(shape), {})[int(part) if part else -1] = own
+    if sum(len(corners) for hulls in found.values() for corners in hulls.values()) > MOST_CORNERS:
         raise InvalidInput(f"model: hulls: expected {MOST_CORNERS} corners or fewer, got more")
-    return found
+    return {shape: [hulls[k] for k in sorted(hulls)] for shape, hulls in found.items()}
 
 
-def with_known_hulls(shapes: Sequence[Shape], hulls: Mapping[int, Array]) -> tuple[Shape, ...]:
-    """The shapes with hulls by their number. Raises InvalidInput for a hull of what is no mesh, or is flat."""
-    for number, corners in hulls.items():
+def with_known_hulls(shapes: Sequence[Shape], hulls: Mapping[int, Sequence[Array]]) -> tuple[Shape, ...]:
+    """The shapes with hulls and their parts, by their number. Raises InvalidInput for a hull of what is no mesh, or is
+    flat, and for parts that are not inside their hull."""
+    for number, (corners, *parts) in hulls.items():
         if number >= len(shapes) or shapes[number].kind != "mesh":
             raise InvalidInput(f"model: hulls: expected hulls of meshes, got one of shape {number}")
-        if (own := hull_corners(corners)) is None or not np.array_equal(own, corners):
-            raise InvalidInput(
-                f"model: hulls: expected the corners of a convex hull, got others for shape {number}"
-            )
+        for each in (corners, *parts):
+            if (own := hull_corners(each)) is None or not np.array_equal(own, each):
+                raise InvalidInput(
+                    f"model: hulls: expected the corners of a convex hull, got others for shape {number}"
+                )
+        if parts and not _fills(parts, corners):
+            raise InvalidInput(f"model: hulls: expected parts whose hull is that of shape {number}, got others")
     return tuple(
-        replace(shape, corners_m=hulls[i]) if i in hulls else shape
+        replace(shape, corners_m=hulls[i][0], parts_m=tuple(hulls[i][1:])) if i in hulls else shape
         for i, shape in enumerate(shapes)
     )
+
+
+def _fills(parts: Sequence[Array], corners: Array) -> bool:
+    """Whether parts are inside a hull and have all of its corners, as nearly as they are known."""
+    from scipy.spatial import ConvexHull
+
+    def outside(points: Array, of: Array) -> Array:
+        """How far points are outside of a hull, shape (P,) [m]."""
+        faces = ConvexHull(of).equations
+        return np.asarray((points @ faces[:, :3].T + faces[:, 3]).max(axis=1))
+
+    if outside(np.concatenate(parts), corners).max() > ROOM_M:
+        return False
+    return bool(np.min([outside(corners, part) for part in parts], axis=0).max() <= ROOM_M)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,8 @@ FINEST, COARSER = 96, 0.85
 """Cells along a mesh's longest side at first, and by how much fewer there are at every further try."""
 DISAGREE = 0.02
 """Share of edges at which two faces turn opposite ways, beyond which nobody knows which side of a mesh is outside."""
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,18 +78,34 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
         said = f"{VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + read_bytes(path, MOST_BYTES)
     except InvalidInput:
         return None
-    kept = cache_folder() / "meshes" / f"{hashlib.sha256(said).hexdigest()}.npz"
+
+    def made() -> dict[str, Any] | None:
+        found = thinned_mesh(path, scale, most, cached=False)
+        return None if found is None else {"vertices": np.float32(found.vertices_m), "faces": np.int32(found.faces)}
+
+    return kept(said, made, lambda arrays: _checked(arrays["vertices"], arrays["faces"]))
+
+
+def kept(
+    said: bytes, make: Callable[[], dict[str, Any] | None], read: Callable[[Mapping[str, Array]], Value]
+) -> Value | None:
+    """What is read out of arrays that were kept for a mesh, or else made, and kept; None where there are none.
+
+    said: the mesh's file, and what is made of it. make: the arrays. read: raises InvalidInput, KeyError or ValueError
+    for arrays that are damaged, which are made anew.
+    """
+    file = cache_folder() / "meshes" / f"{hashlib.sha256(said).hexdigest()}.npz"
     with suppress(InvalidInput, KeyError, ValueError):
-        arrays = read_archive(kept)
-        return _checked(arrays["vertices"], arrays["faces"])
-    found = thinned_mesh(path, scale, most, cached=False)
-    if found is not None:
-        with suppress(InvalidInput, OSError):
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            stream = io.BytesIO()
-            np.savez_compressed(stream, vertices=np.float32(found.vertices_m), faces=np.int32(found.faces))
-            write_bytes(kept, stream.getvalue())
-    return found
+        return read(read_archive(file))
+    arrays = make()
+    if arrays is None:
+        return None
+    with suppress(InvalidInput, OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        stream = io.BytesIO()
+        np.savez_compressed(stream, **arrays)
+        write_bytes(file, stream.getvalue())
+    return read(arrays)
 
 
 def unseen(shapes: Sequence[Shape], most: int) -> list[str]:

@@ -137,7 +137,8 @@ class RobotModel:
                 content.update(f"\0contact\0{leg.contact.point_m.tolist()}\0{leg.contact.radius_m}".encode())
         for i, shape in enumerate(self.shapes):
             if shape.corners_m is not None:
-                content.update(f"\0hull\0{i}\0".encode() + np.ascontiguousarray(shape.corners_m).tobytes())
+                for part in (shape.corners_m, *shape.parts_m):
+                    content.update(f"\0hull\0{i}\0".encode() + np.ascontiguousarray(part).tobytes())
         return content.hexdigest()
 
     @property
@@ -235,7 +236,7 @@ def model_of(
     where: str = "urdf",
     folder: Path | None = Path(),
     packages: Sequence[Path] = (),
-    hulls: Mapping[int, Array] | None = None,
+    hulls: Mapping[int, Sequence[Array]] | None = None,
     srdf: str = "",
     feet: Mapping[str, str] | Sequence[str] = (),
     contacts: Mapping[str, FootContact] | None = None,
@@ -247,11 +248,11 @@ def model_of(
     """The robot of a URDF's text.
 
     where: what messages call the file. folder, packages: where meshes are; folder None where none is to be looked for.
-    hulls: of meshes by the number of their shape, in place of their files. srdf: text of an SRDF, for pairs of links
-    that may touch and a posture to stand in. feet: links, by the names of their legs or alone; searched for where none
-    is given. contacts: what feet touch with, by leg, foot or pattern, where that is not a ball at the leg's end.
-    joints: corrections, by name or pattern. posture_rad: of the standing robot, by joint or pattern.
-    name: in place of the URDF's. root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
+    hulls: of meshes, each with its parts after it, by the number of their shape, in place of their files. srdf: text
+    of an SRDF, for pairs of links that may touch and a posture to stand in. feet: links, by the names of their legs or
+    alone; searched for where none is given. contacts: what feet touch with, by leg, foot or pattern, where that is not
+    a ball at the leg's end. joints: corrections, by name or pattern. posture_rad: of the standing robot, by joint or
+    pattern. name: in place of the URDF's. root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
     Raises InvalidInput, in one line, for a file that is no URDF of a robot with legs and masses.
     """
     text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)

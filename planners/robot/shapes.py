@@ -30,6 +30,7 @@ class Shape:
     rotation, origin_m: of the shape in the link, shapes (3, 3), (3,) [m]. mesh: its file, or None where none was found.
     collides: is it the link's body, or only what it looks like? corners_m: of a mesh that is a link's body the corners
     of its convex hull, at its scale, in the shape's own frame, shape (K, 3) [m]; None where they are not known.
+    parts_m: where the hull is much larger than the mesh, the corners of convex parts that hold it, likewise.
     """
 
     link: str
@@ -40,8 +41,12 @@ class Shape:
     collides: bool
     mesh: Path | None = None
     corners_m: Array | None = None
+    parts_m: tuple[Array, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.parts_m:
+            where = f"link {shown(self.link)}: part of the hull"
+            object.__setattr__(self, "parts_m", tuple(read_only(part, (None, 3), where) for part in self.parts_m))
         if self.corners_m is not None:
             corners = read_only(self.corners_m, (None, 3), f"link {shown(self.link)}: hull")
             object.__setattr__(self, "corners_m", corners)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from .shapes import Shape
@@ -46,15 +47,29 @@ def surface_points(points: Array, apart_m: float) -> Array:
     from scipy.spatial import ConvexHull  # slow to import
 
     hull = ConvexHull(points)
-    found = [points[hull.vertices]]
-    corners = points[hull.simplices]
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    every = _all_over(points[hull.vertices], points[hull.simplices], apart_m)
+    return np.asarray(every[np.union1d(_apart(every, apart_m), np.arange(len(hull.vertices)))])
+
+
+def points_on(triangles: Array, apart_m: float) -> Array:
+    """Points all over triangles, shape (F, 3, 3), not much farther apart than this, shape (P, 3) [m]."""
+    every = _all_over(triangles.reshape(-1, 3), triangles, apart_m)
+    return np.asarray(every[_apart(every, apart_m)])
+
+
+def _all_over(corners: Array, triangles: Array, apart_m: float) -> Array:
+    """Corners, and points on triangles that are larger than this."""
+    found = [corners]
+    sides = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     for pieces in np.unique(np.ceil(sides / apart_m)).astype(int):
         if pieces > 1:
-            own = corners[np.ceil(sides / apart_m) == pieces]
+            own = triangles[np.ceil(sides / apart_m) == pieces]
             i, j = np.triu_indices(pieces + 1)
             shares = np.stack([i, j - i, pieces - j], axis=1) / pieces
             found.append(np.einsum("sk,tkj->tsj", shares, own).reshape(-1, 3))
-    every = np.concatenate(found)  # its corners first, which no other point near them takes the place of
-    _, kept = np.unique(np.round(every / (0.5 * apart_m)), axis=0, return_index=True)
-    return np.asarray(every[np.union1d(kept, np.arange(len(found[0])))])
+    return np.concatenate(found)
+
+
+def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
+    """Which points are left where of those in half of this one is enough, the first."""
+    return np.asarray(np.unique(np.round(points / (0.5 * apart_m)), axis=0, return_index=True)[1])

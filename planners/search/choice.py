@@ -110,9 +110,10 @@ class ChoiceSearch:
         return Certificate(tree=np.array(self._tree, dtype=np.float64), multipliers=np.array(self._leaves))
 
     def _guess(self) -> None:
-        """Try the first candidates that have friction, which are the nearest; then dive, unless the root is refuted."""
+        """Try the first candidates that have friction, which are the nearest, and where P1 alone has a point on them
+        those that the root likes best; then dive, unless the root is refuted."""
         guess = nearest(self._scaled)
-        self._try(guess)
+        self._try(guess, hasty=True)
         self.guessed = self.found is not None
         if self.found is not None or self._cuts.refuting(self._scaled.opened()) is not None:
             return
@@ -121,6 +122,10 @@ class ChoiceSearch:
             self._cuts.add(root.multipliers)
         if root.status is not ConicStatus.SOLVED:
             return
+        if self.tried:
+            for choice in (root.rounded()[0], guess):
+                if self.found is None:
+                    self._try(choice)
         if self._cuts.rows:
             self._blame_stances(guess)
         rng = np.random.default_rng(0)
@@ -210,10 +215,11 @@ class ChoiceSearch:
         self._tree += tree
         self._leaves += multipliers
 
-    def _try(self, choice: Index, lifted: LiftAnswer | None = None) -> None:
+    def _try(self, choice: Index, lifted: LiftAnswer | None = None, *, hasty: bool = False) -> None:
         """Look for a plan on one choice, unless it was looked at.
 
-        lifted: a point of the lift that makes this choice already.
+        lifted: a point of the lift that makes this choice already. hasty: where the first steps of P2 do not reach one,
+        nothing is learned, and the choice may be looked at again.
         """
         key = tuple(int(r) for r in choice)
         only = np.eye(self._scaled.options)[choice]
@@ -226,7 +232,9 @@ class ChoiceSearch:
             if self._root is not None or self.nodes:
                 self._blame_stances(choice)
         if lifted.status is ConicStatus.SOLVED:
-            self._project(lifted)
+            self._project(lifted, hasty=hasty)
+            if hasty and self.found is None:
+                self._tried.remove(key)
 
     def _blame_stances(self, choice: Index) -> None:
         """Learn cuts of single stances that the lift refutes on a choice: they say more than one over all frames."""
@@ -240,12 +248,12 @@ class ChoiceSearch:
                 if lifted.bound > MARGIN:
                     self._cuts.add(of_stance(self._scaled, stance, lifted))
 
-    def _project(self, lifted: LiftAnswer) -> None:
+    def _project(self, lifted: LiftAnswer, *, hasty: bool = False) -> None:
         self.tried += 1
         choice, start = lifted.rounded()
         chosen = self._scaled.chosen(choice)
         point = self._onto_surface(chosen, start, False)
-        if not point.residual <= SURFACE:
+        if not point.residual <= SURFACE and not hasty:
             if self._nogoods.learn(choice, self._limits.share):
                 return
             point = self._onto_surface(chosen, start, True)

@@ -29,6 +29,8 @@ SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""
 CAUTION = 0.5
 """Fraction of the time that all shares but the last, and plans that press, may use together."""
+EACH = 0.5
+"""Fraction of what is left of that which one of them may use."""
 TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
@@ -58,9 +60,10 @@ def plan_with_reserve(
 ) -> Answer[Plan]:
     """The answer for the most cautious share that has a plan; the plan is one of the course itself.
 
-    Where that plan balances on an edge, one in which every foot that carries presses with such a share of the weight is
-    taken, the first of ``presses`` that has one; and where some stance bears no push, one whose stances do. Where no
-    share has a plan, the answer for the last one, by default the course as it is: only that one proves anything of it.
+    Where some stance of that plan bears no push, one whose stances do is taken; and where there is none, and the plan
+    balances on an edge, one in which every foot that carries presses with such a share of the weight, the first of
+    ``presses`` that has one. Where no share has a plan, the answer for the last one, by default the course as it is:
+    only that one proves anything of it.
     ``provenance`` says which of several shares of friction it was, with which share of the weight feet press, and which
     push, as a share of the weight, every stance bears.
     deadline: when all of this has to end (``time.perf_counter()``), for planners whose time can be limited
@@ -83,12 +86,11 @@ def plan_with_reserve(
             *(100.0 * share, outcome.status, outcome.effort.solves, outcome.effort.seconds),
         )
         if outcome.solution is not None:
-            outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
-            outcome, push = (
-                _braced(planner, pressing(dulled, press), outcome, dulled, cautious)
-                if presses
-                else (outcome, 0.0)
-            )
+            push = press = 0.0
+            if presses:
+                outcome, push = _braced(planner, dulled, outcome, cautious)
+                if push == 0.0:
+                    outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
             assert outcome.solution is not None
             provenance = {**outcome.solution.provenance, **({"friction_share": share} if len(shares) > 1 else {})}
             if press > 0.0:
@@ -114,16 +116,33 @@ def in_time(planner: Planner, deadline: float) -> Planner | None:
     return planner.with_limit(left_s) if isinstance(planner, Limitable) else planner
 
 
+def _braced(
+    planner: Planner, course: Problem, outcome: Answer[Plan], deadline: float
+) -> tuple[Answer[Plan], float]:
+    """The same, or where some stance of its plan bears no push one whose stances do; and the share of the weight that
+    they bear: 0 for none."""
+    assert outcome.solution is not None
+    borne = push_share(outcome.solution)
+    for share in PUSHES:
+        limited = None if share <= borne else in_time(_quick(planner), _part_of_time(deadline))
+        if limited is None:
+            break
+        braced = limited.solve(pushed(course, share))
+        if braced.solution is not None:
+            return braced, share
+    return outcome, borne
+
+
 def _firmer(
     planner: Planner, course: Problem, outcome: Answer[Plan], presses: Sequence[float], deadline: float
 ) -> tuple[Answer[Plan], float]:
-    """The same, or where its plan balances on an edge one that does not, and with how much of the weight its feet
-    press at least: 0 for no such demand."""
+    """The same, or where some foot that carries does next to nothing one in which none does, and with how much of the
+    weight its feet press at least: 0 for no such demand."""
     assert outcome.solution is not None
-    if not presses or steady(outcome.solution, min(presses)):
+    if steady(outcome.solution, min(presses)):
         return outcome, 0.0
     for press in presses:
-        limited = in_time(_quick(planner), deadline)
+        limited = in_time(_quick(planner), _part_of_time(deadline))
         if limited is None:
             break
         firmer = limited.solve(pressing(course, press))
@@ -132,21 +151,10 @@ def _firmer(
     return outcome, 0.0
 
 
-def _braced(
-    planner: Planner, course: Problem, outcome: Answer[Plan], own: Problem, deadline: float
-) -> tuple[Answer[Plan], float]:
-    """The same, or where some stance of its plan bears no push one whose stances do; and the share of the weight that
-    they bear: 0 for none. own: the course without feet that have to press."""
-    assert outcome.solution is not None
-    borne = push_share(replace(outcome.solution, course=own))
-    for share in PUSHES:
-        limited = None if share <= borne else in_time(_quick(planner), deadline)
-        if limited is None:
-            break
-        braced = limited.solve(pushed(course, share))
-        if braced.solution is not None:
-            return braced, share
-    return outcome, borne
+def _part_of_time(deadline: float) -> float:
+    """When a try has to end that is not to use up the time of those after it (``time.perf_counter()``)."""
+    now = time.perf_counter()
+    return now + EACH * (deadline - now)
 
 
 def _quick(planner: Planner) -> Planner:

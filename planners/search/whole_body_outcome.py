@@ -16,12 +16,10 @@ from ..projection.whole_body_limits import WholeBodyLimits
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
 from ..verify.margins import margin_group
+from ..verify.tipping import LEAST_PUSH, tipping
 from .answer import objective_of
 
 LOG = logging.getLogger(__name__)
-LEAST_PUSH = 0.01
-"""Share of the weight that a push has which every stance of a plan for a robot's own legs bears, or it is not accepted:
-simulated, plans below it fall, and most of those above stand."""
 
 
 def with_whole_body(
@@ -61,28 +59,16 @@ def with_whole_body(
         report = replace(report, groups=(*report.groups, margin_group(plan)))
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
-    tipping = "" if undecided else _tipping(report)
+    tips = "" if undecided else tipping(plan, LEAST_PUSH, report.group(MARGIN))
     return replace(
         outcome,
-        status=Status.UNDECIDED if undecided or tipping else outcome.status,
-        message=tipping or (_reason(report, bent=bent) if undecided else outcome.message),
+        status=Status.UNDECIDED if undecided or tips else outcome.status,
+        message=tips or (_reason(report, bent=bent) if undecided else outcome.message),
         solution=plan,
         objective=objective_of(plan),
         residual=report.worst,
         details=details,
         report=report,
-    )
-
-
-def _tipping(report: Report[Plan]) -> str:
-    """Why a plan for a robot's own legs is about to tip though the verifier accepts it; empty where it is not."""
-    course, margin = report.answer.course, report.group(MARGIN)
-    least_n = LEAST_PUSH * course.weight_n
-    if not course.robot.source.own or course.uncarried or margin.figures["push_n"] >= least_n:
-        return ""
-    return (
-        f"margin: {margin.where} at frame {margin.frame} bear a push of {margin.figures['push_n']:.2g} N, expected "
-        f"{least_n:.2g} N or more, {LEAST_PUSH:.0%} of the weight"
     )
 
 

@@ -3,7 +3,7 @@
 With toes and body held, the contacts of a stance balance a set of horizontal pushes at the centre of mass, and they
 carry the weight from a set of places of it. Both sets are convex, shadows of the forces within cones and bounds:
 
-    Σ f = w e_z − F,  Σ (p − c) × f = 0            pushes F = (F_x, F_y, 0)
+    Σ f = w e_z − F,  Σ (p − c − y F / w) × f = 0  pushes F = (F_x, F_y, 0) of a body that gives way by y F / w
     Σ f = w e_z,      Σ (p − c − t) × f = 0        places c + t, t = (t_x, t_y, 0)
 
 Of a course with a wrench on the body it is the loaded robot's: the weight is w e_z less the force, the moment on the
@@ -41,6 +41,11 @@ FRICTION_STEPS = 5
 """Halvings of the interval in which the least share of the friction is sought."""
 OUTLINE = 24
 """Directions of a support region that is drawn."""
+
+
+YIELDS = 0.12
+"""How far a body on its legs gives way under a horizontal push as large as its weight, in units of a leg's reach: its
+weight then bears nearer to the side that it tips over. Of pushes that a simulation held the median is .14."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,10 +163,13 @@ def _shift(borne: Array) -> Array:
     return np.array([*np.zeros((3, 2)), [0.0, -z], [z, 0.0], [-y, x]])
 
 
-def stance_margins(plan: Plan, *, pushes_alone: bool = False) -> tuple[StanceMargin, ...]:
+def stance_margins(
+    plan: Plan, *, pushes_alone: bool = False, yields_m: float = 0.0
+) -> tuple[StanceMargin, ...]:
     """The margin of every stance of a plan, in the order of ``Problem.stances``.
 
-    pushes_alone: measure the pushes, and leave the rest at nan.
+    pushes_alone: measure the pushes, and leave the rest at nan. yields_m: how far the body gives way under a push as
+    large as its weight [m]; 0 for one that stays where it is.
     """
     programs: dict[int, _Program] = {}
     found = []
@@ -169,7 +177,7 @@ def stance_margins(plan: Plan, *, pushes_alone: bool = False) -> tuple[StanceMar
         at = _contacts(plan, stance)
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
-        push = _inner_distance(program.support(at, PUSH))
+        push = _inner_distance(program.support(at, PUSH + yields_m * _shift(at.borne)))
         found.append(
             StanceMargin(
                 frame=stance.frame,
@@ -196,12 +204,18 @@ def support_region(plan: Plan, stance: Stance) -> Array:
     return np.asarray(plan.com_m[stance.frame, :2] + np.array(corners))
 
 
+def verdict_yields_m(plan: Plan) -> float:
+    """How far the verdict takes a plan's body to give way under a push as large as its weight [m]."""
+    return YIELDS * float(np.mean([limb.reach_m for limb in plan.course.robot.limbs]))
+
+
 def margin_group(plan: Plan) -> Group:
     """The verifier's word on margins: the least of each over all stances, and where it is.
 
-    It is violated where the course asks for a push that some stance does not bear.
+    It is violated where the course asks for a push that some stance does not balance, the body where it is: that is
+    what is planned. The push that is reported is one that moves the body.
     """
-    margins = stance_margins(plan)
+    margins = stance_margins(plan, yields_m=verdict_yields_m(plan))
     least = {
         name: min(margins, key=lambda margin: getattr(margin, name))
         for name in ("push_n", "support_m", "friction_left")
@@ -210,6 +224,8 @@ def margin_group(plan: Plan) -> Group:
     for name, margin in least.items():
         figures |= {name: getattr(margin, name), f"{name.rpartition('_')[0]}_frame": margin.frame}
     weakest, wanted = least["push_n"], _asked_push(plan.course)
+    if wanted > 0.0:
+        weakest = min(stance_margins(plan, pushes_alone=True), key=lambda margin: margin.push_n)
     short = max(0.0, wanted - weakest.push_n)
     message = ""
     if short > 0.0:

@@ -48,16 +48,18 @@ class ContactFeedback:
 
     touch_n: a foot that presses this hard on its patch touches it, harder where sensors are noisy. seek_m_s, seek_m:
     how fast a foot that should touch and does not is lowered, and how far. press_hz: rate at which missing internal
-    forces are summed, on steep surfaces only, 0 for never; press_n: most of them a foot. waits: the motion waits for a
-    foot that should touch. memory_s: of how stiff joint loops were found to be (``LoopStiffness``), 0 to count on what
-    they should be.
+    forces are summed, on steep surfaces only, 0 for never; press_n, press_share: the most that is added for each foot,
+    and as a share of what it should press with: as much again is missing on ground that yields as legs do, twice as
+    much where it is half as stiff. waits: the motion waits for a foot that should touch. memory_s: of how stiff joint
+    loops were found to be (``LoopStiffness``), 0 to count on what they should be.
     """
 
     touch_n: float = 1.5
     seek_m_s: float = 0.02
     seek_m: float = 0.02
-    press_hz: float = 4.0
+    press_hz: float = 20.0
     press_n: float = 40.0
+    press_share: float = 4.0
     waits: bool = True
     memory_s: float = 5.0
 

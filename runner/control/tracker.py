@@ -11,13 +11,12 @@ body where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.files.arrays import Array, cross
+from stancekit.planners.files.arrays import Array, cross, lengths
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.motion.motion import Motion, Samples, smooth
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio
@@ -169,15 +168,16 @@ class Tracker:
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
             return
-        moving = self._moving(sample.arms_m, stands)
+        feels = stands & (np.einsum("ij,ij->i", forces_n, sample.normals) >= self._feedback.touch_n)
+        moving = self._moving(sample.arms_m, feels)  # a dead sensor asks for no more, and balances nothing
         if self._found is not None and hangs.any():  # what is outside the cones would be summed up for ever
             wanted = self._body.planned(sample, stands)
-        gap = np.where(hangs[:, None], wanted - forces_n, 0.0).ravel()
+        gap = np.where((hangs & feels)[:, None], wanted - forces_n, 0.0).ravel()
         pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
         kept = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
-        most = sqrt(float((kept * kept).sum(axis=1).max()))
-        self._pressed = kept * min(1.0, self._feedback.press_n / max(most, 1e-9))
+        most = self._feedback.press_n + self._feedback.press_share * lengths(wanted)
+        self._pressed = kept / max(1.0, float((lengths(kept) / np.maximum(most, 1e-9)).max()))
 
     def _moving(self, arms: Array, stands: NDArray[np.bool_]) -> Array:
         """The projection of forces of all feet onto those that move or turn the body as a whole, shape (3N, 3N); it

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .registry import WORLDS, Imperfections, State, World, WorldClass, WorldSettings, make_world
+    from .registry import WORLDS, Imperfections, SoftContact, State, World, WorldClass, WorldSettings, make_world
 
-__all__ = ["WORLDS", "Imperfections", "State", "World", "WorldClass", "WorldSettings", "make_world"]
+__all__ = ["WORLDS", "Imperfections", "SoftContact", "State", "World", "WorldClass", "WorldSettings", "make_world"]
 
 
 if not TYPE_CHECKING:  # or a checker would take any name for one that there is

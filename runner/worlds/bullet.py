@@ -11,6 +11,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.terrain.prism import Solid
 
+from .contact import points
 from .simulated_body import simulated_body
 from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld
 from .world import Ground, State, Terrain
@@ -43,6 +44,8 @@ class BulletWorld(SimulatedWorld):
         self._begin()
         self._robot = self._loaded()
         self._part_at_rest()
+        self._counts = np.zeros(len(self._feet))
+        self._soften(np.ones(len(self._feet)))
         self._lay(terrain)
         bullet, client = self._bullet, self._client
         bullet.resetBasePositionAndOrientation(
@@ -141,6 +144,20 @@ class BulletWorld(SimulatedWorld):
             physicsClientId=client,
         )  # fmt: skip
 
+    def _soften(self, counts: Array) -> None:
+        """Have each foot's points in contact share ``SoftContact``, by PyBullet's own spring with a damper, which is
+        stepped implicitly. counts: how many as deep as the deepest they amount to, shape (N,)."""
+        if self.contact is None:
+            return
+        damping = self.contact.damped(self.robot.mass_kg, len(self.robot.limbs))
+        for foot in np.flatnonzero(counts != self._counts):
+            share = 1.0 / float(counts[foot])
+            self._bullet.changeDynamics(
+                self._robot, self._feet[foot], contactStiffness=share * self.contact.stiffness_n_m,
+                contactDamping=share * damping, physicsClientId=self._client,
+            )  # fmt: skip
+        self._counts = counts
+
     def _loaded(self) -> int:
         """The robot, its links not merged, its joints free of PyBullet's own motors and damping."""
         import tempfile
@@ -199,13 +216,20 @@ class BulletWorld(SimulatedWorld):
         """Add the forces of the terrain on feet to them; the force on anything else, and of links on each other, is
         returned [N]."""
         bump = 0.0
+        touched: dict[int, list[tuple[float, Array]]] = {}
         for contact in self._bullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client):
             normal, first, second = (np.array(contact[k]) for k in (7, 11, 13))
             force = contact[9] * normal + contact[10] * first + contact[12] * second
             if contact[2] != self._robot and contact[3] in self._feet:
-                forces[self._feet.index(contact[3])] += force
+                foot = self._feet.index(contact[3])
+                forces[foot] += force
+                touched.setdefault(foot, []).append((-contact[8], normal))
             else:
                 bump += float(np.linalg.norm(force))
+        if self.contact is not None:
+            found = {foot: zip(*its, strict=True) for foot, its in touched.items()}
+            counts = {foot: points(*map(np.array, pair)) for foot, pair in found.items()}
+            self._soften(np.array([counts.get(foot, 1.0) for foot in range(len(self._feet))]))
         return bump
 
     def _state(self, forces: Array, bump: float, torques: Array) -> State:

@@ -12,18 +12,25 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.terrain.prism import Solid
 
+from .contact import points
 from .simulated_body import simulated_body
 from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld
 from .world import Ground, State, Terrain
 
 CONTACT_S, CONTACT_DAMPING = 0.004, 1.0
 """Time constant and damping ratio of a contact (solref)."""
+SHAPE = 0.001, 0.5, 2.0
+"""How the impedance of a contact grows with its depth (the rest of solimp)."""
 STIFF = 100.0
 """Friction rows are this much harder than normal ones (impratio): feet under load creep less."""
 UNDER_M = 0.5
 """How deep a field of heights is below its lowest place."""
 TERRAIN, ROBOT = 1, 2
 """Bits of what meets what: links meet the terrain and each other."""
+CREEP = 2.5e-6
+"""How fast feet creep under a force along soft ground [m/s per N], as slowly as on the world's own."""
+IMPEDANCES = (1e-4, 0.9999)
+"""MuJoCo's bounds of d in R = (1 − d) / d · Â."""
 ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
 _AXES = np.arange(3)  # of a contact: along its normal, and two across
@@ -81,7 +88,7 @@ class MujocoWorld(SimulatedWorld):
         for _ in range(self._substeps):
             if fades:
                 ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])
-            self._mujoco.mj_step(self._model, self._data)
+            self._step()
             contacts.append(self._contacts())
         forces, bump = self._felt_of(contacts)
         return self._state(forces / self._substeps, bump / self._substeps)
@@ -90,6 +97,25 @@ class MujocoWorld(SimulatedWorld):
         """Drop the model."""
         self._model = self._data = None
         self._views = ()
+
+    def _step(self) -> None:
+        """A step of physics. A foot's points on soft ground share its stiffness and damping, so that those of heights,
+        which MuJoCo meets cell by cell, are no stiffer than one."""
+        if self.contact is None:
+            self._mujoco.mj_step(self._model, self._data)
+            return
+        self._mujoco.mj_step1(self._model, self._data)
+        data, contact = self._data, self._data.contact
+        feet = self._under(self._bodies[contact.geom])
+        counts = np.bincount(feet[feet >= 0], minlength=len(self._feet))
+        for foot in np.flatnonzero(counts > 1):
+            its = np.flatnonzero(feet == foot)
+            count = points(-contact.dist[its], contact.frame[its, :3])
+            for index in its[contact.efc_address[its] >= 0]:
+                rows = slice(contact.efc_address[index], contact.efc_address[index] + contact.dim[index])
+                data.efc_R[rows] *= count
+                data.efc_D[rows] /= count
+        self._mujoco.mj_step2(self._model, data)
 
     def _on_body(self) -> Array:
         """Force on the base's own centre of mass and moment: what is carried, which acts at the robot's, and pushes."""
@@ -105,7 +131,7 @@ class MujocoWorld(SimulatedWorld):
             self._touching = self._touching_at_rest(spec.compile())
             spec = self._spec((*self.body.apart, *self._touching))
         self._lay(spec, terrain)
-        return spec.compile()
+        return spec.compile() if self.contact is None else self._softened(spec)
 
     def _spec(self, apart: Sequence[tuple[str, str]]) -> Any:
         """The robot alone. apart: pairs of its links that never collide."""
@@ -131,6 +157,32 @@ class MujocoWorld(SimulatedWorld):
             actuator.forcelimited, actuator.forcerange = True, [-drives.torque_nm[i], drives.torque_nm[i]]
         return spec
 
+    def _softened(self, spec: Any) -> Any:
+        """The model with ground that yields as ``SoftContact`` says: f = k d + b v, stepped implicitly.
+
+        MuJoCo's row is R f + a = −b' v − k' r with R = (1 − d) / d · Â, where Â is the inverse mass that it counts the
+        contact with. With 1 / R = h b + h² k, k' = R k and b' = R (b + h k) that is f = k (r + h v⁺) + b v⁺ with the
+        velocity at the end of the step. Its stiffness and damping are called −k' d and −b' d (solref) for a constant d
+        (solimp). Â is made the same for all feet; friction rows get an R of their own (impratio), or feet would creep.
+        """
+        assert self.contact is not None
+        stiffness = self.contact.stiffness_n_m
+        damping = self.contact.damped(self.robot.mass_kg, len(self.robot.limbs))
+        model = spec.compile()
+        feet = [model.body(name).id for name in self.body.feet]
+        light = float(np.mean(model.body_invweight0[feet, 0]))
+        heavy = light * (PHYSICS_S * damping + PHYSICS_S**2 * stiffness)
+        impedance = float(np.clip(heavy / (1.0 + heavy), *IMPEDANCES))
+        unit, damped = (1.0 - impedance) * light, damping + PHYSICS_S * stiffness
+        for geom in spec.worldbody.geoms:
+            geom.solref = [-unit * stiffness, -unit * damped]
+            geom.solimp = [impedance, impedance, *SHAPE]
+        spec.option.impratio = max(STIFF, 1.0 / (CREEP * damped))
+        model = spec.compile()
+        model.body_invweight0[feet, 0] = light
+        model.opt.disableflags |= self._mujoco.mjtDisableBit.mjDSBL_ISLAND  # islands have copies of R, see ``_step``
+        return model
+
     def _touching_at_rest(self, model: Any) -> tuple[tuple[str, str], ...]:
         """Pairs of links whose shapes overlap in the posture that the robot stands in: they are drawn so."""
         data = self._mujoco.MjData(model)
@@ -147,7 +199,7 @@ class MujocoWorld(SimulatedWorld):
         kinds = self._mujoco.mjtGeom
         contact: dict[str, Any] = {
             "contype": 0, "conaffinity": TERRAIN, "priority": 1,
-            "solref": [CONTACT_S, CONTACT_DAMPING], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0],
+            "solref": [CONTACT_S, CONTACT_DAMPING], "solimp": [0.95, 0.99, *SHAPE],
         }  # fmt: skip
         if isinstance(terrain, Ground):
             x, y, heights = terrain.even(SPACING_M)
@@ -179,14 +231,18 @@ class MujocoWorld(SimulatedWorld):
             local[there] = forces[(rows[:, None] + _AXES)[there]]
         return self._bodies[contact.geom], (local[:, None] @ contact.frame.reshape(-1, 3, 3))[:, 0]
 
+    def _under(self, pairs: NDArray[np.int_]) -> NDArray[np.int_]:
+        """Which foot is on the terrain in each pair of bodies, −1 where none is."""
+        feet = self._foot[np.where(pairs[:, 0] == 0, pairs[:, 1], pairs[:, 0])]
+        feet[pairs.all(axis=1)] = -1
+        return np.asarray(feet)
+
     def _felt_of(self, contacts: Sequence[tuple[NDArray[np.int_], Array]]) -> tuple[Array, float]:
         """Forces of the terrain on feet, summed over substeps, shape (N, 3); and those on anything else, and of links
         on each other [N]."""
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         pairs, pushes = (np.concatenate([each[k] for each in contacts]) for k in (0, 1))
-        on_second = pairs[:, 0] == 0
-        feet = self._foot[np.where(on_second, pairs[:, 1], pairs[:, 0])]
-        feet[pairs.all(axis=1)] = -1
+        feet, on_second = self._under(pairs), pairs[:, 0] == 0
         its = feet >= 0
         np.add.at(forces, feet[its], np.where(on_second[:, None], pushes, -pushes)[its])
         if not its.all():

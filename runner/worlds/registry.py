@@ -15,11 +15,12 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 
+from .contact import SoftContact
 from .drives import Imperfections
 from .settings import WorldSettings
 from .world import State, World, WorldKind
 
-__all__ = ["WORLDS", "Imperfections", "State", "World", "WorldClass", "WorldSettings", "make_world"]
+__all__ = ["WORLDS", "Imperfections", "SoftContact", "State", "World", "WorldClass", "WorldSettings", "make_world"]
 
 
 class WorldClass(Protocol):
@@ -68,17 +69,20 @@ def make_world(
     setup: str | Path | None = None,
     imperfections: Imperfections = Imperfections(),
     actuators: Actuators | None = None,
+    contact: SoftContact | None = None,
 ) -> World:
     """Make a world, with one robot in it.
 
     name: of ``WORLDS``, or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's own. rate_hz: targets a
     second, the world's own where None. setup: the log of ``replay``, the calibration file of ``dynamixel``, the set-up
-    file of ``ros``; simulations take none. imperfections: of a simulated robot. actuators: what turns its joints, None
-    for what its file, or the device's, says. Raises InvalidInput for an unknown name, a file that is missing or wrong,
-    and a package that is not installed.
+    file of ``ros``, ground that yields in simulations. imperfections: of a simulated robot. actuators: what turns its
+    joints, None for what its file, or the device's, says. contact: ground of a simulation that yields, None for hard
+    ground, unless the set-up file says otherwise. Raises InvalidInput for an unknown name, a file that is missing or
+    wrong, and a package that is not installed.
     """
     settings = WorldSettings(
         robot=robot, servo=servo, rate_hz=rate_hz, gravity_m_s2=gravity_m_s2,
         setup=None if setup is None else Path(setup), imperfections=imperfections, actuators=actuators,
+        contact=contact,
     )  # fmt: skip
     return WORLDS.get(name).make(settings)

@@ -12,6 +12,7 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 
+from .contact import SoftContact
 from .drives import Imperfections
 
 EstopCheck = Literal["heard", "try", "without"]
@@ -23,9 +24,9 @@ or it is not asked for."""
 class WorldSettings:
     """robot: who moves. servo: of its drawn-up legs; the robot's own where None is given. gravity_m_s2: what pulls.
     rate_hz: targets a second, None for what is usual in that world. setup: the file that a world is made from, None
-    where none was given. imperfections: of a simulated robot. actuators: what turns its joints, None for what the
-    robot's file, or the device's, says. estop: how an e-stop that the set-up file names is known to work before the
-    robot is armed."""
+    where none was given. imperfections: of a simulated robot. contact: ground of a simulation that yields, None for
+    hard ground. actuators: what turns its joints, None for what the robot's file, or the device's, says. estop: how an
+    e-stop that the set-up file names is known to work before the robot is armed."""
 
     robot: Robot
     servo: Servo | None = None
@@ -33,6 +34,7 @@ class WorldSettings:
     rate_hz: float | None = None
     setup: Path | None = None
     imperfections: Imperfections = field(default_factory=Imperfections)
+    contact: SoftContact | None = None
     actuators: Actuators | None = None
     estop: EstopCheck = "heard"
 

@@ -116,14 +116,16 @@ def _hulled(links: Mapping[str, Element], shapes: list[Shape]) -> tuple[dict[str
     for name, link in links.items():
         meshes = [shape for shape in shapes if shape.link == name and shape.kind == "mesh"]
         for shape, (collision, mesh) in zip(meshes, list(_meshes(link)), strict=True):
-            if (content := _hull(shape)) is None:
+            if shape.corners_m is None:
                 missing[mesh.get("filename", "")] = None
                 link.remove(collision)
                 continue
-            file = f"hull_{len(hulls)}.obj"
-            hulls[file] = content
-            mesh.set("filename", file)
             mesh.attrib.pop("scale", None)
+            for part in shape.parts_m[1:]:
+                copied = deepcopy(collision)
+                link.append(copied)
+                _named(copied, _hull(part), hulls)
+            _named(collision, _hull((shape.corners_m, *shape.parts_m)[bool(shape.parts_m)]), hulls)
     return hulls, tuple(missing)
 
 
@@ -134,12 +136,18 @@ def _meshes(link: Element) -> Iterator[tuple[Element, Element]]:
             yield collision, geometry[0]
 
 
-def _hull(shape: Shape) -> bytes | None:
-    """The convex hull of a mesh as an OBJ file; None where it is not known."""
+def _named(collision: Element, content: bytes, hulls: dict[str, bytes]) -> None:
+    """Let a collision's mesh be a new file with this content."""
+    file = f"hull_{len(hulls)}.obj"
+    hulls[file] = content
+    for mesh in collision.iter("mesh"):
+        mesh.set("filename", file)
+
+
+def _hull(corners: Array) -> bytes:
+    """A convex hull as an OBJ file."""
     from scipy.spatial import ConvexHull
 
-    if (corners := shape.corners_m) is None:
-        return None
     middle = corners.mean(axis=0)
     lines = ["v " + " ".join(f"{x:.9g}" for x in corner) for corner in corners]
     for a, b, c in ConvexHull(corners).simplices:

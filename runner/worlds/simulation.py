@@ -18,6 +18,7 @@ from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import Servo
 
 from .capabilities import WorldCapabilities
+from .contact import SimulationSetup, SoftContact
 from .drives import Drives, Imperfections
 from .settings import WorldSettings
 from .world import LatchedWorld, State, Terrain, WorldKind
@@ -29,7 +30,10 @@ SPACING_M = 0.025
 
 
 class SimulatedWorld(LatchedWorld):
-    """One robot on one terrain, from nothing: needs no arming, measures everything, and takes no file."""
+    """One robot on one terrain, from nothing: needs no arming, and measures everything.
+
+    contact: ground that yields, None for hard ground.
+    """
 
     kind: WorldKind = "simulation"
     name: str
@@ -43,6 +47,7 @@ class SimulatedWorld(LatchedWorld):
         gravity_m_s2: float = GRAVITY_M_S2,
         imperfections: Imperfections = Imperfections(),
         actuators: Actuators | None = None,
+        contact: SoftContact | None = None,
     ) -> None:
         super().__init__()
         servo = servo or robot.servo
@@ -51,6 +56,9 @@ class SimulatedWorld(LatchedWorld):
         last = len(robot.limbs) - 1
         if outside := set(imperfections.deaf) - set(range(last + 1)):
             raise InvalidInput(f"imperfections.deaf: expected limbs from 0 to {last}, got {min(outside)}")
+        if contact is not None:
+            contact.check_bears(robot.mass_kg * gravity_m_s2)
+        self.contact = contact
         self.drives = Drives.of(robot, servo, self.model, actuators)
         self.joints = self.drives.joints
         self.capabilities = WorldCapabilities.of_drives(self.drives, rate_hz, senses=True)
@@ -66,12 +74,16 @@ class SimulatedWorld(LatchedWorld):
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
         """As ``WorldClass``."""
+        contact = settings.contact
         if settings.setup is not None:
-            raise InvalidInput(f"setup: expected none with world {cls.name}, got {settings.setup}")
+            if contact is not None:
+                raise InvalidInput("contact_stiffness_n_m: expected it in the set-up file or beside it, got both")
+            contact = SimulationSetup.from_yaml(settings.setup).contact
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
+        asked = {} if contact is None else {"contact": contact}
         return cls(
             settings.robot, settings.servo, rate_hz=rate_hz, gravity_m_s2=settings.gravity_m_s2,
-            imperfections=settings.imperfections, actuators=settings.actuators,
+            imperfections=settings.imperfections, actuators=settings.actuators, **asked,
         )  # fmt: skip
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:

@@ -24,6 +24,7 @@ from benchmarks.referee import (
     Row,
     Wrong,
     play,
+    pushed,
     read,
     read_settings,
 )
@@ -366,3 +367,12 @@ def test_the_command_says_one_line(standing: Path, tmp_path: Path) -> None:
     broken = subprocess.run([*command, str(tmp_path / "broken.json")], **where)
     assert (broken.returncode, broken.stdout) == (2, "")
     assert broken.stderr.count("\n") == 1
+
+
+def test_pushes_that_are_prepared_together_are_those_prepared_alone(standing: Path) -> None:
+    pushes = [Push(most_n=8.0, towards_deg=90.0), Push(most_n=4.0, towards_deg=180.0)]
+    together = list(pushed(standing, SETTINGS, Wrong(feedback=True), pushes))
+    assert together == [
+        play(standing, SETTINGS, Wrong(feedback=True), push=each) for each in pushes
+    ]
+    assert [row.held_n for row in together] == [8.0, 4.0]

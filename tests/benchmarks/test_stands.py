@@ -38,6 +38,14 @@ def commands(scripts: None) -> ModuleType:
     return _stand_commands
 
 
+@pytest.fixture(scope="module")
+def pushes(scripts: None) -> ModuleType:
+    pytest.importorskip("mujoco")
+    import _stand_pushes
+
+    return _stand_pushes
+
+
 def test_the_list_has_sixteen_robots_on_six_grounds_in_three_draws(listed: ModuleType) -> None:
     rows = list(listed.entries())
     assert len({row.name for row in rows}) == len(rows) == 16 * 6 * 3
@@ -115,3 +123,60 @@ def test_the_settings_and_the_list_say_what_the_issue_fixes() -> None:
     assert settings["falls"] == {"com_m": 0.12, "rotation_rad": 0.6}
     listed = yaml.safe_load((ROOT / "benchmarks" / "stands" / "list.yaml").read_text())
     assert list(listed["grounds"]) == ["stairs-6", "stairs-10", "gap", "slope", "slabs", "blocks"]
+
+
+def test_pushes_compare_what_is_said_with_the_worst_direction(pushes: ModuleType) -> None:
+    """Of three stances one is sound, one bears less than is said, and one was not pushed everywhere yet."""
+    held = {"a:0": [30.0, 12.0] + [20.0] * 6, "b:1": [9.0] * 8, "c:2": [1.0] * 3}
+    said = {"a:0": 10.0, "b:1": 12.0, "c:2": 10.0}
+    lines = [
+        {
+            "key": f"{stance}:{turn:.0f}",
+            "stance": int(stance[-1]),
+            "towards_deg": turn,
+            "said_n": said[stance],
+            "held_n": value,
+            "weight_n": 100.0,
+        }
+        for stance, values in held.items()
+        for turn, value in zip(pushes.TURNS_DEG, values, strict=False)
+    ]
+    found = pushes.summary(lines)
+    assert (found["stances"], found["above"], found["far_above"]) == (2, 1, 1)
+    assert found["ratio"] == [0.75, 0.975, 1.2]
+    assert found["said"] == [0.1, 0.11, 0.12]
+    assert found["held"] == [0.09, 0.105, 0.12]
+    assert found["worst"] == ["b:1: said 12 N, held 9 N towards 90 deg"]
+
+
+def test_a_push_in_another_direction_goes_no_farther_than_the_worst_so_far(
+    pushes: ModuleType, listed: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    class Row:
+        def __init__(self, held_n: float) -> None:
+            self.held_n = held_n
+
+        def json(self) -> dict[str, float]:
+            return {"held_n": self.held_n}
+
+    def pushed(file, settings, wrong, each):  # type: ignore[no-untyped-def]
+        for push in each:
+            asked.append(push.most_n)
+            yield Row(min(push.most_n, 20.0 - len(asked)))
+
+    robot = type("Robot", (), {"mass_kg": 10.0})
+    played = type("Played", (), {"robot": robot, "gravity_m_s2": 10.0})
+    monkeypatch.setattr(pushes, "read", lambda file: played)
+    monkeypatch.setattr(pushes, "said_n", lambda file: [1.0, 2.0])
+    monkeypatch.setattr(pushes, "pushed", pushed)
+    settings = type("Settings", (), {"sha256": "0" * 64})
+    wrong = type("Wrong", (), {"said": dict})()
+    file, lines = tmp_path / "stands" / "plans" / "a.json", listed.Lines(tmp_path / "lines.jsonl")
+    for key, row in pushes.rows(file, [1], lines, settings, wrong, 1.0, False):
+        lines.add(key, row)
+    assert asked[:3] == [100.0, 19.0, 18.0]
+    assert len(lines.rows) == len(pushes.TURNS_DEG)
+    assert list(pushes.rows(file, [1], lines, settings, wrong, 1.0, False)) == []
+    assert {row["said_n"] for row in lines.rows.values()} == {2.0}

@@ -100,7 +100,8 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "run_film": {LATER: ("runner.acceptance",)},
     "simulate": {
-        LATER: ("planners.formats.plan_file", "planners.motion.plan_motion", "runner.acceptance", "runner.settings"),
+        LATER: ("planners.formats.plan_file", "planners.motion.plan_motion", "runner.acceptance", "runner.settings",
+                "runner.worlds"),
         DRAWS: ("views.executions", "views.sheet"),
     },
     "solve": {CHOICES: ("planners.search.methods",)},

@@ -187,7 +187,7 @@ def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pyt
         ({"speed_rad_s": -1.0}, "--speed-rad-s: expected a number above 0, got -1"),
         ({"world": "dynamixel"}, "--setup: expected a calibration file with world dynamixel, got none"),
         ({"world": "ros", "setup": Path("none.yaml")}, "none.yaml: expected a file, found nothing there"),
-        ({"setup": Path("x")}, "--setup: expected none with world mujoco, got x"),
+        ({"setup": Path("x")}, "x: expected a file, found nothing there"),
         ({"picture": Path("x.png")}, "--picture: expected --log FILE.mcap with it"),
         ({"policy": "lift", "world": "replay"}, "--policy: expected a world that answers to what is done, got replay"),
         ({"policy": "none.json"}, "none.json: expected a file, found nothing there"),

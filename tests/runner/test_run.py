@@ -327,8 +327,8 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
     ):
         with pytest.raises(InvalidInput, match=said):
             make_world(name, course.robot)
-    with pytest.raises(InvalidInput, match="setup: expected none with world mujoco"):
-        make_world("mujoco", course.robot, setup=tmp_path)
+    with pytest.raises(InvalidInput, match=r"none\.yaml: expected a file, found nothing there"):
+        make_world("mujoco", course.robot, setup=tmp_path / "none.yaml")
 
 
 def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, tmp_path: Path) -> None:

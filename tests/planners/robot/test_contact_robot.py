@@ -105,10 +105,12 @@ def test_toes_stand_where_the_model_stands_unless_the_course_says_otherwise(fold
     course = read_course(folder / "step.yaml")
     first = [foothold for foothold in course.footholds if foothold.frame == 0]
     toes = standing_toes(model)
-    for foothold in first:
-        middle = foothold.candidates[0].vertices_m.mean(axis=0)
-        expected = toes[model.leg_names.index(foothold.limb)][:2]
-        np.testing.assert_allclose(middle[:2], expected, atol=0.05)
+    for index, foothold in enumerate(first):
+        leg, corners = model.leg_names.index(foothold.limb), foothold.candidates[0].vertices_m
+        here = course.com_nominal_m[course.holds[:, leg] == index].mean(axis=0)  # of the body while it stands there
+        wanted = np.minimum((here + toes[leg])[:2], [0.42, np.inf])  # where the step begins
+        assert np.all(corners[:, :2].min(axis=0) - 1e-9 <= wanted)
+        assert np.all(wanted - 0.04 <= corners[:, :2].max(axis=0))  # as far as a riser keeps it away
 
 
 def test_toes_keep_as_far_from_a_riser_as_their_feet_roll_unless_all_that_they_reach_is_asked_for(folder: Path) -> None:
@@ -131,8 +133,8 @@ def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does
     loose = read_course(folder / "loose.yaml")
     assert (course.weights.com_path, loose.weights.com_path, read_course("walls").weights.com_path) == (0.1, 0.0, 0.0)
     assert (course.weights.stance, loose.weights.stance, read_course("walls").weights.stance) == (0.3, 0.3, 0.0)
-    alone = [replace(each, weights=replace(each.weights, stance=0.0)) for each in (course, loose)]  # it does so, too
-    near, far = (TwoStageCoursePlanner().solve(each).solution for each in alone)
+    pulled = [replace(course, weights=replace(course.weights, stance=0.0, com_path=pull)) for pull in (0.0, 10.0)]
+    far, near = (TwoStageCoursePlanner(gap=0.05).solve(each).solution for each in pulled)
     assert near is not None
     assert far is not None
     off_m = [np.linalg.norm(each.com_m - each.course.com_nominal_m, axis=1).mean() for each in (near, far)]

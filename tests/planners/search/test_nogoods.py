@@ -13,6 +13,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.search.choice import nearest
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.nogoods import Nogoods
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -167,8 +168,9 @@ def test_a_whole_search_that_ends_in_nogoods_has_a_certificate_of_all_of_them(pr
 
 def test_among_patches_of_which_most_cannot_be_held_the_search_finds_one_that_can(programs, drawn, as_course):
     course = as_course(drawn("wall-3", 234), 3, 0, 2e-2)
-    search = TwoStageCoursePlanner(programs=programs).search(Scaled.of(course), Clock.start())
-    assert len(search._nogoods.entries) > 0
+    scaled, nogoods = Scaled.of(course), Nogoods(programs, Scaled.of(course), Clock.start())
+    assert nogoods.learn(nearest(scaled), float("inf"))
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
     assert outcome.status is Status.FEASIBLE
     assert check_plan(outcome.solution).accepted
+    assert nogoods.refuting(np.eye(scaled.options)[outcome.solution.choice]) is None

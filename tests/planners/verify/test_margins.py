@@ -16,7 +16,7 @@ from stancekit.planners.problem.problem import Problem, Stance
 from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.margins import stance_margins, support_region
+from stancekit.planners.verify.margins import margin_group, stance_margins, support_region
 
 HALF_M, HEIGHT_M, MASS_KG = 0.2, 0.3, 10.0
 WEIGHT_N = 9.81 * MASS_KG
@@ -65,6 +65,25 @@ def test_a_table_tips_about_its_nearest_side(com_m: tuple[float, float]) -> None
     assert margin.support_m <= inside + 1e-6
     assert margin.push_n == pytest.approx(WEIGHT_N * inside / HEIGHT_M, rel=0.02)  # F h = w d
     assert margin.push_n <= WEIGHT_N * inside / HEIGHT_M + 1e-4
+
+
+@pytest.mark.parametrize("yields_m", [0.05, 0.2])
+def test_a_table_that_gives_way_tips_earlier(yields_m: float) -> None:
+    """F h = w (d − y F / w): the weight bears nearer to the side, the more the harder the push is."""
+    (margin,) = stance_margins(table((0.05, 0.0), friction=5.0), yields_m=yields_m)
+    assert margin.push_n == pytest.approx(WEIGHT_N * (HALF_M - 0.05) / (HEIGHT_M + yields_m), rel=0.02)
+    assert margin.support_m == pytest.approx(HALF_M - 0.05, rel=0.02)
+
+
+def test_the_verdict_is_on_a_body_that_gives_way_and_a_push_that_is_asked_for_is_balanced() -> None:
+    plan = table((0.0, 0.0), friction=5.0)
+    yields_m = 0.12 * np.mean([limb.reach_m for limb in plan.course.robot.limbs])
+    group = margin_group(plan)
+    assert group.figures["push_n"] == pytest.approx(WEIGHT_N * HALF_M / (HEIGHT_M + yields_m), rel=0.02)
+    balanced_n = WEIGHT_N * HALF_M / HEIGHT_M
+    for share, verdict in ((0.95, "holds"), (1.05, "violated")):
+        asked = replace(plan, course=replace(plan.course, push_n=share * balanced_n))
+        assert margin_group(asked).verdict == verdict
 
 
 def test_a_table_on_ice_slides_before_it_tips() -> None:
