@@ -110,11 +110,10 @@ def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | st
 
 
 def _parts_of(arrays: Mapping[str, Array], corners: Array) -> tuple[Array, ...]:
-    """Parts of a hull out of arrays by number. Raises InvalidInput and KeyError for what is none."""
+    """Parts of a hull out of arrays by number, none where they do not fill the hull, as of a sheet.
+    Raises InvalidInput and KeyError for what is no array of points."""
     parts = tuple(read_only(arrays[str(k)], (None, 3), f"part {k}") for k in range(len(arrays)))
-    if parts and not _fills(parts, corners):
-        raise InvalidInput("expected parts whose hull is that of the mesh, got others")
-    return parts
+    return parts if parts and _fills(parts, corners) else ()
 
 
 def hulls_to_text(shapes: Sequence[Shape]) -> str:

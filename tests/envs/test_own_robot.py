@@ -83,7 +83,7 @@ def test_a_traverse_is_walked_over_envelopes_learned_for_the_robots_own_legs(
     folder: Path, files: dict[str, str]
 ) -> None:
     learned = []
-    for index, legs in enumerate((["LF", "RF", "RH"], ["LF", "LH", "RH"])):
+    for index, legs in enumerate((["LF", "RF", "RH"], ["LF", "LH", "RH"], ["LF", "RF", "LH", "RH"])):
         path = folder / f"legs-{index}.yaml"
         path.write_text(f"robot: dog.urdf\nterrain: flat.obj\nlegs: [{', '.join(legs)}]\nfriction: [0.1, 0.8]\n")
         source, rng = distribution(str(path)), np.random.default_rng(0)
