@@ -102,8 +102,9 @@ def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | st
     def made() -> dict[str, Any]:
         from .convex_parts import convex_parts  # loads scipy
 
-        each = (hull_corners(part) for part in convex_parts(mesh.vertices_m, mesh.faces))
-        return {str(k): part for k, part in enumerate(part for part in each if part is not None)}
+        parts = [hull_corners(part) for part in convex_parts(mesh.vertices_m, mesh.faces)]
+        whole = [part for part in parts if part is not None]
+        return {str(k): part for k, part in enumerate(whole)} if len(whole) == len(parts) else {}  # all, or none
 
     parts = kept(said, made, lambda arrays: _parts_of(arrays, corners))
     return corners, parts or ()
@@ -141,6 +142,9 @@ def hulls_of_text(text: str) -> dict[int, list[Array]]:
         found.setdefault(int(shape), {})[int(part) if part else -1] = own
     if sum(len(corners) for hulls in found.values() for corners in hulls.values()) > MOST_CORNERS:
         raise InvalidInput(f"model: hulls: expected {MOST_CORNERS} corners or fewer, got more")
+    for shape, hulls in found.items():
+        if -1 not in hulls:
+            raise InvalidInput(f"model: hulls: expected the hull of shape {shape} beside its parts, got parts alone")
     return {shape: [hulls[k] for k in sorted(hulls)] for shape, hulls in found.items()}
 
 

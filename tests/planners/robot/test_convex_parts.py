@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.embedded import embedded
 from stancekit.planners.robot.convex_parts import MOST_PARTS, convex_parts
 from stancekit.planners.robot.hulls import hull_corners, hulls_of_text, hulls_to_text, with_known_hulls
 from stancekit.planners.robot.shapes import Shape
@@ -107,6 +108,12 @@ def test_parts_that_leave_something_of_the_hull_out_are_refused() -> None:
     far = replace(shape, parts_m=(*shape.parts_m, lower))
     with pytest.raises(InvalidInput, match="expected parts"):
         with_known_hulls((concave(parts=False),), hulls_of_text(hulls_to_text((far,))))
+
+
+def test_parts_without_their_hull_are_refused() -> None:
+    alone = embedded({"0_0": concave().parts_m[0]})
+    with pytest.raises(InvalidInput, match="expected the hull of shape 0 beside its parts, got parts alone"):
+        hulls_of_text(alone)
 
 
 def test_a_ball_in_a_hole_is_as_far_from_the_rim_as_it_is() -> None:
