@@ -142,9 +142,9 @@ def hulls_of_text(text: str) -> dict[int, list[Array]]:
         found.setdefault(int(shape), {})[int(part) if part else -1] = own
     if sum(len(corners) for hulls in found.values() for corners in hulls.values()) > MOST_CORNERS:
         raise InvalidInput(f"model: hulls: expected {MOST_CORNERS} corners or fewer, got more")
-    for shape, hulls in found.items():
-        if -1 not in hulls:
-            raise InvalidInput(f"model: hulls: expected the hull of shape {shape} beside its parts, got parts alone")
+    for number, its in found.items():
+        if -1 not in its:
+            raise InvalidInput(f"model: hulls: expected the hull of shape {number} beside its parts, got parts alone")
     return {shape: [hulls[k] for k in sorted(hulls)] for shape, hulls in found.items()}
 
 
