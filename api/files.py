@@ -75,7 +75,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     Example:
         >>> import stancekit
         >>> stancekit.save(stancekit.plan("stairs", frames=2).solution, "climb.json")
-        >>> stancekit.load("climb.json", stancekit.Plan).course.name
+        >>> stancekit.load("climb.json", stancekit.Plan).problem.name
         'stairs'
     """
     found = _read(Path(path))

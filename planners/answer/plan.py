@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ class Plan:
     """M key frames over a course of P footholds and S stances, for a robot with N limbs.
 
     Arguments:
-        course: what it is a plan of.
+        problem: what it is a plan of.
         com_m: shape (M, 3) [m].
         rotation_rad: small body rotation Θ, shape (M, 3) [rad].
         toes_m: one a foothold, shape (P, 3) [m].
@@ -42,7 +43,7 @@ class Plan:
         ((6, 3), 3)
     """
 
-    course: Problem
+    problem: Problem
     com_m: Array
     rotation_rad: Array
     toes_m: Array
@@ -67,7 +68,7 @@ class Plan:
 
     def toes_at(self, frame: int) -> Array:
         """Where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""
-        return np.asarray(self.toes_m[self.course.holds[frame]])
+        return np.asarray(self.toes_m[self.problem.holds[frame]])
 
     def forces_at(self, frame: int) -> Array:
         """Forces of all limbs at a key frame, shape (N, 3) [N]: the mean of its stances' forces.
@@ -75,19 +76,19 @@ class Plan:
         That is an answer itself: at one body pose and with the same toes both balances, the cones and the bounds, which
         admit no force, are convex in the forces.
         """
-        rows = [index for index, stance in enumerate(self.course.stances) if stance.frame == frame]
+        rows = [index for index, stance in enumerate(self.problem.stances) if stance.frame == frame]
         return np.asarray(self.forces_n[rows].mean(axis=0))
 
     def posture(self, stance: int) -> Posture:
         """The posture of one stance, its limbs only."""
-        of = self.course.stances[stance]
+        of = self.problem.stances[stance]
         limbs = list(of.limbs)
         soles: dict[str, Array] = {}
         if self.points_m is not None and self.point_forces_n is not None:
-            feet = [self.course.robot.limbs[i].sole_m for i in limbs]
+            feet = [self.problem.robot.limbs[i].sole_m for i in limbs]
             most = max(1 if sole is None else len(sole) for sole in feet)
             if most > 1:  # else nobody who carries has a sole
-                soles["points_m"] = self.points_m[self.course.holds[of.frame, limbs], :most]
+                soles["points_m"] = self.points_m[self.problem.holds[of.frame, limbs], :most]
                 soles["point_forces_n"] = self.point_forces_n[stance][limbs, :most]
         return Posture(
             com_m=self.com_m[of.frame],
@@ -96,3 +97,12 @@ class Plan:
             forces_n=self.forces_n[stance][limbs],
             **soles,
         )
+
+    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+        def __getattr__(self, name: str) -> Any:
+            """The name of before, for one release."""
+            if name != "course":
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            warnings.warn("course is old: Plan.problem", DeprecationWarning, stacklevel=2)
+            return self.problem

@@ -266,7 +266,7 @@ class Report(Generic[S]):
         margin = next((group for group in self.groups if group.name == MARGIN), None)
         if margin is None:
             return ""
-        at, weight_n = margin.figures, cast("Plan", self.answer).course.weight_n
+        at, weight_n = margin.figures, cast("Plan", self.answer).problem.weight_n
         return (
             f"every stance bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the weight, least at "
             f"frame {at['push_frame']}); the centre of mass is {1e3 * at['support_m']:.0f} mm inside (frame "
@@ -328,7 +328,7 @@ class Report(Generic[S]):
             return f"{verdict}: contacts hold, {words}"
         group = max(self._of_contacts, key=lambda g: g.worst)
         if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
-            balanced = of_plan and cast("Plan", self.answer).course.uncarried
+            balanced = of_plan and cast("Plan", self.answer).problem.uncarried
             return verdict + then + ("balanced in every frame" if balanced else "no constraint is violated")
         place = group.where
         if of_plan or isinstance(self.answer, LeapPlan):
@@ -455,7 +455,7 @@ def plan_digest(plan: Plan, tolerance: float, accepted: bool, checked: Sequence[
     """
     numbers = {name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()}
     more = {} if tuple(checked) == ("contacts",) else {"checked": list(checked)}
-    return _digest({"course": course_to_json(plan.course), "plan": numbers, **more}, tolerance, accepted)
+    return _digest({"course": course_to_json(plan.problem), "plan": numbers, **more}, tolerance, accepted)
 
 
 def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:
@@ -491,7 +491,7 @@ def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
 
 def plan_arrays(plan: Plan) -> dict[str, NDArray[Any] | None]:
     """The numbers of a plan by name; modes may be None, and joints are there only where they were worked out."""
-    found = {name: getattr(plan, name) for name in plan_shapes(plan.course)}
+    found = {name: getattr(plan, name) for name in plan_shapes(plan.problem)}
     return {name: array for name, array in found.items() if array is not None or name != "joints_rad"}
 
 

@@ -164,7 +164,7 @@ def plan_of(
     chosen = scaled.chosen(choice)
     forces, soles = chosen.forces_si(point)
     return Plan(
-        course=course,
+        problem=course,
         com_m=point.com * scaled.length_m,
         rotation_rad=point.rotation,
         toes_m=point.toes * scaled.length_m,
@@ -178,7 +178,7 @@ def plan_of(
 
 def objective_of(plan: Plan) -> float:
     """The objective of ``Weights`` at a plan, SI: recomputed, whatever a solver said."""
-    course, weights = plan.course, plan.course.aim
+    course, weights = plan.problem, plan.problem.aim
     cost = weights.goal * float(np.sum((plan.com_m[-1] - course.goal_m) ** 2))
     cost += weights.com_path * float(np.sum((plan.com_m - course.com_nominal_m) ** 2))
     cost += weights.tilt * float(np.sum(plan.rotation_rad**2))

@@ -81,7 +81,7 @@ class VerifiedPlanner:
             self._envelopes.check_fits(problem)
         clock = Clock.start()
         if not problem.is_posture:
-            planned, solves = _asked(self._planner, problem, self._where, Plan, course=problem)
+            planned, solves = _asked(self._planner, problem, self._where, Plan, problem=problem)
             clock.count(solves, 0.0)
             return self._acceptance.answer(problem, planned, method=self.name, clock=clock)
         held, solves = _asked(self._planner, problem, self._where, Posture)

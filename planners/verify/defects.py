@@ -38,7 +38,7 @@ def posture_defect(problem: Problem, posture: Posture) -> str:
 
 def plan_defect(plan: Plan) -> tuple[str, int, str]:
     """What keeps the plan from being one at all, with its frame and limb; empty when nothing does."""
-    course = plan.course
+    course = plan.problem
     for name, shape in plan_shapes(course).items():
         array = getattr(plan, name)
         if array is None and name in OPTIONAL:

@@ -62,9 +62,9 @@ def check_plan(
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
-        return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
+        return refused(plan.problem, plan, tolerance, defect, frame=frame, limb=limb)
     body = check_whole_body(plan, deadline=deadline) if joints else NOT_ASKED
-    if margins or plan.course.push_n > 0.0:
+    if margins or plan.problem.push_n > 0.0:
         from .margins import margin_group  # Clarabel, of this alone
 
         body = (*body, margin_group(plan))
@@ -76,23 +76,23 @@ class _Sweep:
     """A plan's stances, and the points on its ways, measured at once."""
 
     def __init__(self, plan: Plan, tolerance: float) -> None:
-        self._plan, self._course, self._tolerance = plan, plan.course, tolerance
-        self._names = plan.course.robot.limb_names
-        self._who = Schedule.of_course(plan.course)
-        self._shoulders = np.array([limb.shoulder_m for limb in plan.course.robot.limbs])
-        self._reach = np.array([limb.reach_m for limb in plan.course.robot.limbs])
-        self._rows = reach_rows(plan.course.robot.limbs)
+        self._plan, self._course, self._tolerance = plan, plan.problem, tolerance
+        self._names = plan.problem.robot.limb_names
+        self._who = Schedule.of_course(plan.problem)
+        self._shoulders = np.array([limb.shoulder_m for limb in plan.problem.robot.limbs])
+        self._reach = np.array([limb.reach_m for limb in plan.problem.robot.limbs])
+        self._rows = reach_rows(plan.problem.robot.limbs)
         self._patches = [
-            put.candidates[int(chosen)] for put, chosen in zip(plan.course.footholds, plan.choice, strict=True)
+            put.candidates[int(chosen)] for put, chosen in zip(plan.problem.footholds, plan.choice, strict=True)
         ]
-        regions = [row[int(chosen)] for row, chosen in zip(plan.course.regions, plan.choice, strict=True)]
+        regions = [row[int(chosen)] for row, chosen in zip(plan.problem.regions, plan.choice, strict=True)]
         self._off_patch = patch_distances([region.vertices_m for region in regions], plan.toes_m)
-        self._points = counts_of(plan.course.robot.limbs)
+        self._points = counts_of(plan.problem.robot.limbs)
         self._forces, self._offsets = plan.forces_n[:, :, None], np.zeros((len(plan.toes_m), 1, 3))
         if self._points:
             self._on_soles(regions)
-        length_m = min(plan.course.length_scale_m, LARGEST_UNIT_M)
-        force_n = min(plan.course.force_n, plan.course.weight_n)
+        length_m = min(plan.problem.length_scale_m, LARGEST_UNIT_M)
+        force_n = min(plan.problem.force_n, plan.problem.weight_n)
         self._units = {"m": length_m, "N": force_n, "Nm": force_n * length_m, "rad": 1.0, "": 1.0}
         self._found = {name: self._group(name, 0.0) for name in PLAN_GROUPS}
 

@@ -52,9 +52,9 @@ def test_plans_and_courses_come_back_and_a_plan_is_verified_as_it_is_written(pla
     again = stancekit.load(tmp_path / "plan.json", stancekit.Plan)
     np.testing.assert_array_equal(again.forces_n, plan.forces_n)
     assert json.loads((tmp_path / "plan.json").read_text())["verified"]
-    stancekit.save(plan.course, tmp_path / "course.json")
+    stancekit.save(plan.problem, tmp_path / "course.json")
     course = stancekit.load(tmp_path / "course.json", stancekit.Problem)
-    assert (course.name, course.frames, course.stances) == (plan.course.name, 2, plan.course.stances)
+    assert (course.name, course.frames, course.stances) == (plan.problem.name, 2, plan.problem.stances)
 
 
 def test_a_proof_comes_back_as_subject_and_certificate(problems, tmp_path):

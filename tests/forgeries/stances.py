@@ -94,7 +94,7 @@ def posture_fault(problem: Problem, posture: Posture) -> str:
 
 def plan_fault(plan: Plan) -> str:
     """Why nobody climbs like that; empty where the judge does not know."""
-    course, length, weight = plan.course, plan.course.length_scale_m, plan.course.weight_n
+    course, length, weight = plan.problem, plan.problem.length_scale_m, plan.problem.weight_n
     room = 1.5 * TOLERANCE * length
     if (np.linalg.norm(plan.com_m - course.com_nominal_m, axis=1) > course.com_radius_m + room).any():
         return "the body is elsewhere"
@@ -136,8 +136,8 @@ def _moved(name: str, change: Callable[[Any, Array, float, np.random.Generator],
     def forge(subject: Any, *rest: Any) -> Any:
         *answer, size, rng = rest
         thing = answer[0] if answer else subject
-        scale = subject.weight_n if answer else subject.course.weight_n
-        length = subject.length_scale_m if answer else subject.course.length_scale_m
+        scale = subject.weight_n if answer else subject.problem.weight_n
+        length = subject.length_scale_m if answer else subject.problem.length_scale_m
         array = np.array(getattr(thing, name))
         unit = TOLERANCE * size * (scale if name == "forces_n" else 1.0 if name == "rotation_rad" else length)
         forged = replace(thing, **{name: change(subject, array, unit, rng)})
@@ -213,7 +213,7 @@ def _far_body(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Ar
 
 
 def _tilt(subject: Any, array: Array, unit: float, rng: np.random.Generator) -> Array:
-    limit = subject.tilt_limit_rad if isinstance(subject, Problem) else subject.course.tilt_limit_rad
+    limit = subject.tilt_limit_rad if isinstance(subject, Problem) else subject.problem.tilt_limit_rad
     body = array if array.ndim == 1 else array[rng.integers(len(array))]
     body[rng.integers(3)] = rng.choice([-1.0, 1.0]) * (limit + unit)
     return array
@@ -237,10 +237,10 @@ POSTURES = SHARED
 
 def _idle(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
     forces = np.array(plan.forces_n)
-    rows = [row for row, one in enumerate(plan.course.stances) if len(one.limbs) < forces.shape[1]]
+    rows = [row for row, one in enumerate(plan.problem.stances) if len(one.limbs) < forces.shape[1]]
     row = rows[rng.integers(len(rows))]
-    limb = next(k for k in range(forces.shape[1]) if k not in plan.course.stances[row].limbs)
-    forces[row, limb] = size * TOLERANCE * plan.course.weight_n * _way(rng)
+    limb = next(k for k in range(forces.shape[1]) if k not in plan.problem.stances[row].limbs)
+    forces[row, limb] = size * TOLERANCE * plan.problem.weight_n * _way(rng)
     return replace(plan, forces_n=forces)
 
 
@@ -256,14 +256,14 @@ def _icy(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
     """The patches of a foothold without friction: another task under the same answer."""
     footholds = tuple(
         replace(one, candidates=tuple(patch.with_friction(patch.friction / (3.0 * size)) for patch in one.candidates))
-        for one in plan.course.footholds
+        for one in plan.problem.footholds
     )
-    return replace(plan, course=replace(plan.course, footholds=footholds))
+    return replace(plan, problem=replace(plan.problem, footholds=footholds))
 
 
 def _heavier(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
-    robot = replace(plan.course.robot, mass_kg=plan.course.robot.mass_kg * (1.0 + 2.0 * TOLERANCE * size))
-    return replace(plan, course=replace(plan.course, robot=robot))
+    robot = replace(plan.problem.robot, mass_kg=plan.problem.robot.mass_kg * (1.0 + 2.0 * TOLERANCE * size))
+    return replace(plan, problem=replace(plan.problem, robot=robot))
 
 
 PLANS: dict[str, Callable[..., Any]] = SHARED | {

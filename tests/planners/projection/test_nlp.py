@@ -26,7 +26,7 @@ def programs():
 def walked(walk):
     """A walk whose forces are known in closed form, as a point on its own patches."""
     plan = walk(frames=3)
-    scaled = Scaled.of(plan.course).chosen(plan.choice)
+    scaled = Scaled.of(plan.problem).chosen(plan.choice)
     stance, limb, _ = scaled.layout.contacts
     world = plan.forces_n[stance, limb] / scaled.force_n
     point = replace(

@@ -188,7 +188,7 @@ def planned(ragged, bounded, programs):
 
 def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
     assert check_plan(planned).accepted
-    course, limb = planned.course, 2
+    course, limb = planned.problem, 2
     toe = planned.toes_m[course.holds[1, limb]] - planned.com_m[1]
     normal = np.array([0.6, 0.0, 0.8])
     turned = normal + np.cross(planned.rotation_rad[1], normal)
@@ -196,7 +196,7 @@ def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
         rows = ReachRows(normals=[normal], bounds_m=[turned @ toe + room])
         limbs = [replace(one, reach_rows=rows if i == limb else None) for i, one in enumerate(course.robot.limbs)]
         robot = replace(course.robot, limbs=tuple(limbs))
-        report = check_plan(replace(planned, course=replace(course, robot=robot)))
+        report = check_plan(replace(planned, problem=replace(course, robot=robot)))
         reach = next(group for group in report.groups if group.name == "reach")
         assert (reach.frame == 1 and reach.value == pytest.approx(1e-4)) or holds or reach.value > 1e-4
 
@@ -204,7 +204,7 @@ def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
 def test_the_way_between_two_frames_is_looked_at_where_it_bows_out(walk):
     """Both ends lean as the row allows, the way between them does not: found without a point on the way."""
     plan = walk(2, "shift")
-    limb, toe = plan.course.robot.limbs[0], plan.toes_m[0]
+    limb, toe = plan.problem.robot.limbs[0], plan.toes_m[0]
     turn = np.array([[0.0, 0.05, 0.0], [0.0, -0.05, 0.0]])
     com = plan.com_m.copy()
     normal = np.array([1.0, 0.0, 0.0])
@@ -215,8 +215,8 @@ def test_the_way_between_two_frames_is_looked_at_where_it_bows_out(walk):
         for t in np.linspace(0.0, 1.0, 1001)
     )
     rows = ReachRows(normals=[normal], bounds_m=[max(value) + 1e-9])
-    robot = replace(plan.course.robot, limbs=(replace(limb, reach_rows=rows), *plan.course.robot.limbs[1:]))
-    bowed = replace(plan, course=replace(plan.course, robot=robot), com_m=com, rotation_rad=turn)
+    robot = replace(plan.problem.robot, limbs=(replace(limb, reach_rows=rows), *plan.problem.robot.limbs[1:]))
+    bowed = replace(plan, problem=replace(plan.problem, robot=robot), com_m=com, rotation_rad=turn)
     report = check_plan(bowed, between=False)
     reach = next(group for group in report.groups if group.name == "reach")
     assert between > max(value) + 1e-5

@@ -114,7 +114,7 @@ def test_a_built_in_course_of_one_frame_and_one_with_choices(programs):
         assert check_plan(outcome.solution).accepted
         assert 0.0 < outcome.effort.solver_s <= outcome.effort.seconds
     friction = [
-        outcome.solution.course.patch(p, outcome.solution.choice).friction for p in range(len(outcome.solution.toes_m))
+        outcome.solution.problem.patch(p, outcome.solution.choice).friction for p in range(len(outcome.solution.toes_m))
     ]
     assert min(friction) > 0.0
 

@@ -201,9 +201,9 @@ def test_forces_beyond_all_numbers_are_refused_without_a_warning(stood):
 def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
     """Also those in which only point feet carry, or only soles with fewer points than others have."""
     plan, soles = walk(3), {"RF": SOLE, "RR": SOLE[:3], "LM": SOLE}
-    robot = plan.course.robot
+    robot = plan.problem.robot
     limbs = tuple(replace(limb, sole_m=0.1 * soles[limb.name] if limb.name in soles else None) for limb in robot.limbs)
-    course = replace(plan.course, robot=replace(robot, limbs=limbs))
+    course = replace(plan.problem, robot=replace(robot, limbs=limbs))
     shares = np.zeros((len(limbs), 4))  # (q_1 + q_3) / 2 is the centre
     shares[:, 0] = [0.5 if limb.sole_m is not None else 1.0 for limb in limbs]
     shares[:, 2] = 1.0 - shares[:, 0]
@@ -381,7 +381,7 @@ def test_forged_plans_with_soles_are_refused(climbed):
     bent[3, 1, 2] += 1e-3
     moved[3] += [1e-3, 0.0, 0.0]
     other = plan.choice.copy()
-    put = plan.course.footholds[3]
+    put = plan.problem.footholds[3]
     same = [r for r, patch in enumerate(put.candidates) if patch is put.candidates[other[3]] and r != other[3]]
     other[3] = same[0]
     forces = plan.point_forces_n.copy()
@@ -407,11 +407,11 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     rest = replan(standing, course, frame=4)
     assert rest.status is Status.FEASIBLE
     np.testing.assert_allclose(
-        rest.solution.points_m[:2], begin.solution.points_m[begin.solution.course.holds[-1]], atol=1e-9
+        rest.solution.points_m[:2], begin.solution.points_m[begin.solution.problem.holds[-1]], atol=1e-9
     )
     with pytest.raises(InvalidInput, match="expected the yaws of the soles that stand, got none"):
         replan(replace(standing, yaws_rad=()), course, frame=4)
-    assert len(plan.course.footholds) == 6
+    assert len(plan.problem.footholds) == 6
 
 
 def test_plans_with_soles_are_not_executed(climbed):
@@ -425,7 +425,7 @@ def test_plans_with_soles_are_not_executed(climbed):
         "executed"
     )
     with pytest.raises(InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"):
-        hexapod_urdf(plan.course.robot)
+        hexapod_urdf(plan.problem.robot)
     assert check_plan(plan, joints=True).group("joints").verdict == "not checked"
 
 

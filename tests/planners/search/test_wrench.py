@@ -109,7 +109,7 @@ def test_courses_carry_a_wrench_that_changes_or_it_is_proved_that_none_can(
         for answer in (best, found):
             if answer.solution is not None:
                 assert check_plan(answer.solution).accepted
-                assert not check_plan(replace(answer.solution, course=plain)).accepted
+                assert not check_plan(replace(answer.solution, problem=plain)).accepted
             if answer.certificate is not None:
                 assert check_certificate(answer.certificate).accepted
         assert {best.status, found.status} != {Status.FEASIBLE, Status.INFEASIBLE}
@@ -135,7 +135,7 @@ def test_forces_that_are_distributed_anew_carry_the_wrench() -> None:
     answer = stancekit.plan("stairs", frames=3, wrench=(2.0, -4.0, -15.0, 0.5, 1.0, -0.3))
     plan = answer.solution
     assert plan is not None
-    course, wrench = plan.course, plan.course.wrench
+    course, wrench = plan.problem, plan.problem.wrench
     assert wrench is not None
     distribution = ForceDistribution(6)
     anew = [(stance.frame, distribution.solve(plan, row)) for row, stance in enumerate(course.stances)]

@@ -34,7 +34,7 @@ def perturbed(plan, rng, size):
 def test_the_sweep_finds_what_the_check_of_every_stance_finds(walk, seed, gait, size):
     rng = np.random.default_rng(seed)
     plan = perturbed(walk(int(rng.integers(1, 6)), gait), rng, size)
-    course = plan.course
+    course = plan.problem
     worst = dict.fromkeys(GROUPS, (0.0, -1))
     for row, stance in enumerate(course.stances):
         for group in check_posture(course.posture_problem(stance, plan.choice), plan.posture(row)).groups:
@@ -57,7 +57,7 @@ def test_the_sweep_finds_what_the_check_of_every_stance_finds(walk, seed, gait, 
 def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed, gait):
     rng = np.random.default_rng(seed)
     plan = perturbed(walk(4, gait), rng, 0.3)
-    course, names = plan.course, plan.course.robot.limb_names
+    course, names = plan.problem, plan.problem.robot.limb_names
     worst = 0.0
     for k in range(course.frames - 1):
         stay = tuple(i for i, name in enumerate(names) if name not in course.lifts[k + 1])

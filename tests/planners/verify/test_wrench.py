@@ -166,7 +166,7 @@ def loaded_margin(wrench: Array | list[float] | None, friction: float = 5.0) -> 
     """Push and support of the table with its feet in the middle of the squares; forces do not matter."""
     posture, problem = standing(np.zeros((4, 3))), table(friction).posture_with(wrench=wrench)
     plan = Plan(
-        course=problem.course(), com_m=posture.com_m[None], rotation_rad=np.zeros((1, 3)), toes_m=posture.toes_m,
+        problem=problem.course(), com_m=posture.com_m[None], rotation_rad=np.zeros((1, 3)), toes_m=posture.toes_m,
         choice=np.zeros(4, dtype=int), forces_n=posture.forces_n[None], provenance={},
     )  # fmt: skip
     (margin,) = stance_margins(plan)
@@ -190,7 +190,7 @@ def test_margins_are_those_of_the_loaded_robot() -> None:
 def pulled(walk: Callable[..., Plan]) -> Plan:
     """A walk whose forces carry a rope that pulls harder frame by frame, on vertical loads alone."""
     plan = walk()
-    course = plan.course
+    course = plan.problem
     wrench = np.zeros((course.frames, 6))
     wrench[:, 2] = -np.array([0.0, 5.0, 20.0, 10.0, 0.0])
     forces = np.array(plan.forces_n)
@@ -200,20 +200,20 @@ def pulled(walk: Callable[..., Plan]) -> Plan:
         balance = np.vstack([np.ones(len(limbs)), under[:, :2].T])
         load = course.weight_n - wrench[frame, 2]
         forces[row, limbs, 2] = load * np.linalg.pinv(balance) @ [1.0, *plan.com_m[frame, :2]]
-    return replace(plan, course=replace(course, wrench=wrench), forces_n=forces)
+    return replace(plan, problem=replace(course, wrench=wrench), forces_n=forces)
 
 
 def test_a_plan_carries_a_wrench_that_changes_from_frame_to_frame(pulled: Plan) -> None:
     report = check_plan(pulled)
     assert report.accepted, report.message
     assert report.figures["between"] < 1e-9
-    for frame in range(pulled.course.frames):
-        wrench = np.array(pulled.course.wrench)
+    for frame in range(pulled.problem.frames):
+        wrench = np.array(pulled.problem.wrench)
         wrench[frame, 2] -= 0.01
-        refused = check_plan(replace(pulled, course=replace(pulled.course, wrench=wrench)))
+        refused = check_plan(replace(pulled, problem=replace(pulled.problem, wrench=wrench)))
         assert not refused.accepted
         assert refused.group("force_balance").when == frame
-    assert not check_plan(replace(pulled, course=replace(pulled.course, wrench=None))).accepted
+    assert not check_plan(replace(pulled, problem=replace(pulled.problem, wrench=None))).accepted
 
 
 def test_between_frames_the_moment_about_the_origin_goes_over_linearly() -> None:
