@@ -48,6 +48,8 @@ class Accepted:
     @classmethod
     def verified(cls, plan: Plan, source: str) -> Accepted:
         """Verify a plan now. Raises InvalidInput for one that is rejected."""
+        if plan.problem.is_posture:
+            raise InvalidInput(f"{source}: expected the plan of a course, got that of a posture problem")
         report = _judged(plan)
         if not report.accepted:
             raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")

@@ -32,7 +32,7 @@ from .geometry import contact_frames, cross, exact_and_linear, length, patch_dis
 from .ground import off_terrain
 from .half_spaces import beyond, bowed, reach_rows, relative_rows
 from .joints import check_whole_body
-from .postures import refused, violation, worst_groups
+from .postures import posture_report, refused, violation, worst_groups
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
@@ -51,18 +51,20 @@ def check_plan(
     margins: bool = False,
     deadline: float = math.inf,
 ) -> Report[Plan]:
-    """Check every constraint of the course at the plan; never raises for a bad plan.
+    """Check every constraint of the problem at the plan; never raises for a bad plan.
 
-    tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
-    weight, moments in their product and angles in rad. joints: judge joints, torques and bodies, at key frames and on
-    the way between them, too. between: recompute points between the frames; without them, what convexity proves of the
-    way is taken as proved. margins: measure what every stance bears beyond its weight; of a course that asks for a push
-    they always are. deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
-    by then is not checked.
+    tolerance: largest violation allowed in any group, with lengths in the problem's length scale, forces in its force
+    scale, moments in their product and angles in rad. joints: judge joints, torques and bodies, at key frames and on
+    the way between them, too; of a posture contacts alone are judged. between: recompute points between the frames;
+    without them, what convexity proves of the way is taken as proved. margins: measure what every stance bears beyond
+    its weight; of a course that asks for a push they always are. deadline: of the whole body, when to stop
+    (``time.perf_counter()``); what was not looked at by then is not checked.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
-        return refused(plan.problem, plan, tolerance, defect, frame=frame, limb=limb)
+        return refused(plan, tolerance, defect, frame=frame, limb=limb)
+    if plan.problem.is_posture:
+        return posture_report(plan, tolerance)
     body = check_whole_body(plan, deadline=deadline) if joints else NOT_ASKED
     if margins or plan.problem.push_n > 0.0:
         from .margins import margin_group  # Clarabel, of this alone

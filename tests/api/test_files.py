@@ -121,6 +121,18 @@ def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
         stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution)
 
 
+def test_a_posture_is_no_motion_and_has_no_file(tmp_path):
+    posture = stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution
+    for refuses, call in (
+        (r"\.json: expected the plan of a course, got that of", lambda: stancekit.save(posture, tmp_path / "a.json")),
+        ("^film: expected something that moves, got the plan of", lambda: stancekit.film(posture, tmp_path / "a.mp4")),
+        ("^posture: expected the plan of a course, got that of", lambda: stancekit.simulate(posture)),
+        ("expected no answer and no envelope with a Plan", lambda: stancekit.draw(posture, posture)),
+    ):
+        with pytest.raises(stancekit.InvalidInput, match=refuses):
+            call()
+
+
 def test_a_certificate_knows_what_it_is_a_proof_of_and_the_form_of_before_is_taken_with_a_warning(problems):
     answer = stancekit.solve(problems[0])
     certificate = answer.certificate

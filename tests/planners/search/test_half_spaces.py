@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
@@ -18,10 +18,11 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import check_certificate, check_certificates, check_plan, check_posture, explain
+from stancekit.planners.verify import check_certificate, check_certificates, check_plan, explain
 
 HEIGHT_M, BALL_M = 0.3, 0.1
 CUBE = np.vstack([np.eye(3), -np.eye(3)])
@@ -59,7 +60,7 @@ def test_a_body_that_leans_gains_height_times_tilt_and_no_proof_says_less(planne
         outcome = planner.solve(on_one_foot(share * tilt * HEIGHT_M, tilt))
         found[share] = outcome.status
         if outcome.solution is not None:
-            assert outcome.solution.rotation_rad[1] >= share * tilt - 1e-4
+            assert outcome.solution.rotation_rad[0, 1] >= share * tilt - 1e-4
     assert found[0.5] is found[0.9] is Status.FEASIBLE
     assert found[2.0] is Status.INFEASIBLE
     assert found[0.99] is not Status.INFEASIBLE
@@ -119,18 +120,18 @@ def test_answers_are_verified_and_no_postures_are_where_proofs_are(planner, prog
         if outcome.certificate is not None:
             assert check_certificate(outcome.certificate.of(problem)).accepted
             start = solve_lift(programs, scaled, least_moment=True).rounded()[1]
-            posture = scaled.posture(project(programs, "nlp", scaled, start))
-            assert not check_posture(problem, posture).accepted
+            point = project(programs, "nlp", scaled, start)
+            assert not check_plan(plan_of(problem, scaled, scaled.numbers, point)).accepted
             assert explain(outcome.certificate.of(problem)).relaxations
     assert min(found[Status.FEASIBLE], found[Status.INFEASIBLE]) > 3
     assert found[Status.UNDECIDED] <= (2 if tilt else 0)
 
 
-def worst_row(problem: Problem, posture: Posture) -> float:
+def worst_row(problem: Problem, posture: Plan) -> float:
     """How far a toe is beyond a half-space that was turned with the body, one after the other [m]."""
-    turn = np.eye(3) + np.cross(posture.rotation_rad, np.eye(3)).T
+    turn = np.eye(3) + np.cross(posture.rotation_rad[0], np.eye(3)).T
     beyond = [
-        (turn @ normal) @ (toe - posture.com_m) - bound
+        (turn @ normal) @ (toe - posture.com_m[0]) - bound
         for contact, toe in zip(problem.contacts, posture.toes_m, strict=True)
         for normal, bound in zip(contact.reach_rows.normals, contact.reach_rows.bounds_m, strict=True)
     ]
