@@ -476,12 +476,14 @@ def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
     """The shape that each array of a plan over a problem has, by name; nobody works out joints of a posture."""
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.footholds), len(course.stances)
-    soles: dict[str, tuple[int, ...]] = {}
+    soles, joints = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
     if course.has_soles:
         points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
         soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
-    legs = 0 if course.is_posture else len(joint_names(course.robot))
-    joints = {} if course.has_soles else {"joints_rad": (frames, legs)}
+    elif course.is_posture:
+        joints = {"joints_rad": (frames, 0)}
+    else:
+        joints = {"joints_rad": (frames, len(joint_names(course.robot)))}
     return {
         "com_m": (frames, 3),
         "rotation_rad": (frames, 3),
