@@ -14,6 +14,7 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.codec import to_json
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.formats.trajectory_file import read_trajectory
 from stancekit.planners.physics import GRAVITY_M_S2
@@ -164,7 +165,7 @@ def _differs(plan: Robot, world: Robot) -> str:
             return f"limb {mine.name} reaches {mine.reach_m:g} m and {other.reach_m:g} m"
         if not np.allclose(mine.shoulder_m, other.shoulder_m, atol=1e-6):
             return f"limb {mine.name} begins at {mine.shoulder_m.tolist()} and {other.shoulder_m.tolist()}"
-        sets = [rows and rows.to_json() for rows in (mine.reach_rows, other.reach_rows)]
+        sets = [to_json(limb.reach_rows) for limb in (mine, other)]
         if sets[0] != sets[1]:
             return f"limb {mine.name} has other half-spaces of reach"
     return ""

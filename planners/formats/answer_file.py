@@ -15,7 +15,6 @@ from ..files.documents import parse_json, read_json
 from ..files.writing import write_text
 from ..problem import Problem
 from ..relaxation.envelope import EnvelopeSet
-from ..relaxation.modes import FORMAT as MODES
 from ..relaxation.modes import Modes
 from ..robot import Robot
 
@@ -80,7 +79,7 @@ def read_modes(path: str | Path) -> Modes:
 def read_boxes(path: str | Path) -> EnvelopeSet | Modes:
     """Read an envelope file, or one of modes. Raises InvalidInput."""
     data = read_json(path)
-    return read_modes(path) if isinstance(data, dict) and data.get("format") == MODES else read_envelopes(path)
+    return read_modes(path) if isinstance(data, dict) and data.get("format") == Modes.FORMAT else read_envelopes(path)
 
 
 def answer_from_json(data: Any, problem: Problem) -> Plan | Certificate | None:
