@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.cached import cached_property
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -29,7 +29,7 @@ class LabelledScene:
 
     problem: Problem
     feasible: bool
-    posture: Posture | None
+    posture: Plan | None
     lower_bound: float = 0.0
     expert_seconds: float = 0.0
 
@@ -51,7 +51,7 @@ class LabelledScene:
         return self.scaled.point(self.posture)
 
     @classmethod
-    def of(cls, problem: Problem, outcome: Answer[Posture]) -> LabelledScene:
+    def of(cls, problem: Problem, outcome: Answer[Plan]) -> LabelledScene:
         """A problem that the expert decided."""
         return cls(
             problem=problem,

@@ -75,7 +75,7 @@ class Problem:
         Paper E §II and §IV-B, E1-E11.
     Example:
         >>> import stancekit
-        >>> course = stancekit.plan("walls", frames=4).solution.course
+        >>> course = stancekit.plan("walls", frames=4).solution.problem
         >>> course.frames, len(course.stances), course.robot.name
         (4, 7, 'hexapod')
         >>> problem = stancekit.sample("wall-3", rng=0)[0]
