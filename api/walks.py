@@ -83,6 +83,7 @@ def walk(
         the best walk that there is so far, if any. ``problem`` is the ``Walk``, ``message`` says in one line what came
         of it.
     Raises:
+        TypeError: for a terrain without a goal.
         InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet that the
             robot lacks, a walk longer than its time.
     Source:
@@ -111,7 +112,8 @@ def walk(
             raise InvalidInput(f"{name}: expected none with a Walk, which has its own")
         asked = terrain
     elif goal_xy_m is None:
-        raise InvalidInput("goal_xy_m: expected where the torso ends, shape (2,), got none")
+        takes = ", ".join(beside)
+        raise TypeError(f"stancekit.walk: missing a required argument: 'goal_xy_m'; it takes {takes}")
     else:
         asked = Walk.over(
             terrain, goal_xy_m, start_xy_m=start_xy_m, robot=robot, gait=gait, duration_s=duration_s, **fields
