@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 COUNTED = {
-    "courses parsed": ("stancekit.planners.problem.course_json:course_from_json",),
+    "courses parsed": ("stancekit.planners.problem.problem:Problem.from_json",),
     "plans judged": ("stancekit.planners.verify.plans:check_plan",),
     "whole bodies judged": ("stancekit.planners.verify.joints:check_whole_body",),
     "joints judged": ("stancekit.planners.verify.joints:joint_report",),

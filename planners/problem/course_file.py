@@ -16,7 +16,6 @@ from ..plugins import split_name
 from ..robot.model import Robot
 from ..terrain.families import TERRAIN_FAMILIES, drawn_name
 from .alternatives import AS_ASKED, Alternative
-from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
 from .course_layout import build_course
 from .family_scene import family_keys
@@ -58,7 +57,7 @@ def read_course(
         try:
             if isinstance(data, Mapping) and data.get("format") == POSTURE:
                 return Problem.from_json(data).course(Path(course).stem)
-            return course_from_json(data)
+            return Problem.from_json(data)
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
     data = described(course)
