@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.posture import Posture
 from stancekit.planners.cached import cached_property
 from stancekit.planners.equilibrium.features import observe
@@ -17,6 +18,8 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
+
+from .margins import margin_info
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +52,11 @@ class LabelledScene:
         if self.posture is None:
             return np.zeros((len(self.problem.contacts), 6))
         return self.scaled.point(self.posture)
+
+    @cached_property
+    def margins(self) -> dict[str, float]:
+        """Margins of the witness (``margin_info``), under the keys of ``info``; measured when first asked for."""
+        return margin_info(None if self.posture is None else Plan.of_posture(self.problem, self.posture), "expert_")
 
     @classmethod
     def of(cls, problem: Problem, outcome: Answer[Posture]) -> LabelledScene:

@@ -65,6 +65,16 @@ class Plan:
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
 
+    @classmethod
+    def of_posture(cls, problem: Problem, posture: Posture) -> Plan:
+        """The plan of one key frame that a posture is, over the same problem or over its course of one frame."""
+        return cls(
+            course=problem, com_m=posture.com_m[None], rotation_rad=posture.rotation_rad[None], toes_m=posture.toes_m,
+            choice=np.zeros(len(problem.footholds), dtype=np.int_), forces_n=posture.forces_n[None],
+            points_m=posture.points_m,
+            point_forces_n=None if posture.point_forces_n is None else posture.point_forces_n[None],
+        )  # fmt: skip
+
     def toes_at(self, frame: int) -> Array:
         """Where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""
         return np.asarray(self.toes_m[self.course.holds[frame]])
