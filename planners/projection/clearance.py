@@ -53,9 +53,9 @@ CLEAR_PRICE = 20.0
 class Nearness:
     """K pairs of bodies that are near at some moment of a path, and feet that stay from it.
 
-    distance_m: shape (K,), negative inside, and of a foot by how much it stays. slopes: of the distances, in metres a metre or radian, in the numbers of M
-    key frames and P toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m]. astray_m: how far feet stay
-    from their path.
+    distance_m: shape (K,), negative inside, and of a foot by how much it stays. slopes: of the distances, in metres a
+    metre or radian, in the numbers of M key frames and P toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J),
+    p (P, 3) [m]. astray_m: how far feet stay from their path.
     """
 
     distance_m: Array

@@ -49,9 +49,7 @@ def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
     for joint in root.findall("joint"):
         if (name := joint.get("name", "")) in held:
             _hold(joint, held[name])
-    unseen = {
-        link for link, mount in model.mounts.items() if mount.leg is not None and model.legs[mount.leg] in idle
-    }
+    unseen = {link for link, mount in model.mounts.items() if mount.leg is not None and model.legs[mount.leg] in idle}
     for link in root.findall("link"):
         for kind in SHAPES if link.get("name") in unseen else ():
             for shape in link.findall(kind):

@@ -91,8 +91,7 @@ def test_slopes_are_those_of_finite_differences(walk: Callable[..., Plan], monke
 def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_differences(
     walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a body so high that legs are too short, and feet stay on a ball about their hip; what is left out above is left
-    out here."""
+    """Of a body so high that legs are too short, and feet stay on a ball about their hip; with the same left out."""
 
     def stretched(leg: Leg, feet: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         away = feet - leg.hip_m
@@ -102,7 +101,7 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
         return angles, np.linalg.norm(feet - near, axis=1)
 
     plan = with_joints(walk(3))
-    plan = replace(plan, com_m=plan.com_m + [0.0, 0.0, 0.2])
+    plan = replace(plan, com_m=plan.com_m + np.array([0.0, 0.0, 0.2]))
     monkeypatch.setattr(joints, "descend", stretched)
     monkeypatch.setattr(joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals)
     looks = PathClearance(plan, Weightless(plan.course.robot))
