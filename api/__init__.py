@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from .planners.answer.certificate import Certificate as Certificate
     from .planners.answer.leap_plan import LeapPlan as LeapPlan
     from .planners.answer.plan import Plan as Plan
-    from .planners.answer.posture import Posture as Posture
     from .planners.answer.report import Group as Group
     from .planners.answer.report import Report as Report
     from .planners.answer.trajectory import Trajectory as Trajectory
@@ -105,7 +104,6 @@ _HOMES = {
     "planners.answer.certificate": ("Certificate",),
     "planners.answer.leap_plan": ("LeapPlan",),
     "planners.answer.plan": ("Plan",),
-    "planners.answer.posture": ("Posture",),
     "planners.answer.report": ("Group", "Report"),
     "planners.answer.trajectory": ("Trajectory",),
     "planners.errors": ("InvalidInput", "StancekitError"),
@@ -162,6 +160,10 @@ if not TYPE_CHECKING:  # or a checker would take any name for one that there is
             from .planners.problem.old import renamed
 
             return renamed(name, "stancekit")
+        elif name == "Posture":
+            from .planners.answer.old import renamed as made_plan
+
+            return made_plan("stancekit")
         elif name in _HOME:
             value = getattr(import_module(f".{_HOME[name]}", __name__), name)
         else:

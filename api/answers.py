@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
@@ -13,7 +14,6 @@ from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.posture import Posture
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
@@ -25,7 +25,6 @@ from stancekit.planners.verify import (
     Explanation,
     check_certificate,
     check_plan,
-    check_posture,
 )
 from stancekit.planners.verify import explain as explain_proof
 from stancekit.planners.verify.leaps import check_leap
@@ -87,7 +86,7 @@ def explain(
 
 
 @overload
-def verify(subject: Problem, answer: Posture, *, tolerance: float = TOLERANCE) -> Report[Posture]: ...
+def verify(subject: Problem, answer: Plan, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
 @overload
 def verify(subject: Certificate, answer: None = None) -> Report[Certificate]: ...
 @overload
@@ -124,20 +123,19 @@ def verify(
     | LeapTries
     | str
     | Path,
-    answer: Posture | Certificate | None = None,
+    answer: Plan | Certificate | None = None,
     *,
     tolerance: float = TOLERANCE,
     robot: str | Path | None = None,
     course: str | None = None,
-) -> Report[Posture | Plan | LeapPlan | Trajectory | Certificate] | RecheckReport | FileCheck:
+) -> Report[Plan | LeapPlan | Trajectory | Certificate] | RecheckReport | FileCheck:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
 
     Arguments:
-        subject: what ``solve``, ``plan`` or ``walk`` returned; a posture problem with its ``answer``, a posture; or
-            alone, what carries its question: a certificate, a plan of key frames or of a leap, a gait trajectory, a
-            data set, the file of a plan, a proof, a leap or a gait, the folder of a data set or the name of one that
-            ships.
-        answer: what is claimed of the problem. A certificate beside its problem is the old form.
+        subject: what ``solve``, ``plan`` or ``walk`` returned; or what carries its question: a certificate, a plan of
+            key frames, of one or of a leap, a gait trajectory, a data set, the file of a plan, a proof, a leap or a
+            gait, the folder of a data set or the name of one that ships.
+        answer: beside a problem as the subject, which is the old form: a certificate, or the plan of a posture problem.
         tolerance: largest violation of a constraint by an accepted posture or plan, non-dimensional. Certificates and
             walks have limits of their own.
         robot: of a file: a name or a file of the robot that its plan or gait has to be for.
@@ -151,8 +149,7 @@ def verify(
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
-        >>> posture = stancekit.solve(problem).solution
-        >>> stancekit.verify(problem, posture).accepted
+        >>> stancekit.verify(stancekit.solve(problem).solution).accepted
         True
     """
     if isinstance(subject, str | Path) and answer is None and os.path.isfile(subject):
@@ -161,10 +158,11 @@ def verify(
         if given is not None:
             raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {given}")
     if isinstance(subject, Answer) and answer is None:
-        subject, answer = _evidence(subject)
+        subject = _evidence(subject)
     match subject, answer:
-        case Problem(), Posture():
-            return check_posture(subject, answer, tolerance=tolerance)
+        case Problem(is_posture=True), Plan():
+            old_form("verify(problem, posture)", "verify(plan), which knows its problem")
+            return check_plan(replace(answer, problem=subject), tolerance=tolerance)
         case Certificate(), None:
             return check_certificate(subject)
         case (Problem() | Leap()), Certificate():
@@ -180,8 +178,7 @@ def verify(
             return check_rows(subject, tolerance=tolerance)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
     raise InvalidInput(
-        "verify: expected a posture problem with a posture, or alone a certificate, a plan, a trajectory, a data set "
-        f"or a file; got {came}"
+        f"verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got {came}"
     )
 
 
@@ -192,11 +189,11 @@ def _proof(answer: Answer[Any]) -> Certificate | None:
     return answer.certificate.of(answer.problem)
 
 
-def _evidence(answer: Answer[Any]) -> tuple[Any, Any]:
+def _evidence(answer: Answer[Any]) -> Any:
     """What an answer rests on, as ``verify`` takes it: its solution, or the proof that there is none."""
     proof = _proof(answer)
     if proof is not None:
-        return proof, None
+        return proof
     if answer.solution is None:
         raise InvalidInput(f"verify: expected an answer with a solution or a proof, got one that is {answer.status}")
-    return (answer.problem, answer.solution) if isinstance(answer.solution, Posture) else (answer.solution, None)
+    return answer.solution

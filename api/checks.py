@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.answer.answer import UNBOUNDED
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import or_null
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.answer_file import answer_from_json, json_records, read_problems
 from stancekit.planners.problem import Problem
-from stancekit.planners.verify import check_certificate, check_posture, explain
+from stancekit.planners.verify import check_certificate, check_plan, explain
 
 if TYPE_CHECKING:
     from stancekit.envs.data.dataset import Dataset
@@ -28,9 +28,9 @@ TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
 TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of [m]."""
-EVIDENCE = {"feasible": Posture, "infeasible": Certificate, "undecided": None, "invalid": None}
+EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
 """What an answer of each status has to hold."""
-CALLED = {Posture: "a posture", Certificate: "a certificate", None: "nothing"}
+CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
 
 
 def check_file(
@@ -173,8 +173,7 @@ def check_answers(
 
 def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
     """What is said of an answer; of one that lacks its evidence, that."""
-    answer, status = answer_from_json(claim), _status(claim)
-    answer = answer.of(problem) if isinstance(answer, Certificate) else answer
+    answer, status = answer_from_json(claim, problem), _status(claim)
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:
         hint = " (solve with --certificate)" if status == "infeasible" else ""
@@ -182,8 +181,8 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
             f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
         )
         return {"verdict": "refused", "message": message}
-    if isinstance(answer, Posture):
-        report = check_posture(problem, answer, tolerance=tolerance)
+    if isinstance(answer, Plan):
+        report = check_plan(answer, tolerance=tolerance)
         message, beyond_m = _bare(report.message), report.figures["exact_reach_m"]
         if beyond_m > TOLD_M:
             message += f"; {1e3 * beyond_m:.0f} mm out of reach with the exact rotation"

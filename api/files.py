@@ -75,7 +75,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     Example:
         >>> import stancekit
         >>> stancekit.save(stancekit.plan("stairs", frames=2).solution, "climb.json")
-        >>> stancekit.load("climb.json", stancekit.Plan).course.name
+        >>> stancekit.load("climb.json", stancekit.Plan).problem.name
         'stairs'
     """
     found = _read(Path(path))
@@ -117,6 +117,8 @@ def save(
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Plan():
+            if thing.problem.is_posture:
+                raise InvalidInput(f"{path}: expected the plan of a course, got that of a posture problem")
             plan_file.write_plan(path, thing, check_plan(thing, joints=True, margins=True))
         case Trajectory():
             trajectory_file.write_trajectory(path, thing, check_trajectory(thing))

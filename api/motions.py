@@ -144,7 +144,7 @@ def run(
             assert not isinstance(asked, Problem)
             return runner.run(asked, _ground(asked, settings))
         assert not isinstance(asked, AcceptedGait)
-        walked = asked.plan.course if isinstance(asked, Accepted) else asked
+        walked = asked.plan.problem if isinstance(asked, Accepted) else asked
         planner = policy_of(policy, walked) if isinstance(policy, str | Path) else policy
         first = asked if isinstance(asked, Accepted) else None
         ground = slippery(walked, settings.friction_share).terrain
@@ -179,7 +179,7 @@ def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGai
     if isinstance(motion, Accepted | AcceptedGait):
         return motion
     if isinstance(motion, Plan):
-        return Accepted.verified(motion, motion.course.name)
+        return Accepted.verified(motion, motion.problem.name)
     if isinstance(motion, Trajectory):
         return AcceptedGait.verified(motion, motion.terrain.name or "gait")
     if isinstance(motion, Problem):
@@ -238,7 +238,7 @@ def _ground(asked: Accepted | AcceptedGait, settings: RunSettings) -> Terrain:
     """What the world has: the terrain with a share of the friction that is counted on."""
     if isinstance(asked, AcceptedGait):
         return asked.ground(settings.friction_share)
-    return slippery(asked.plan.course, settings.friction_share).terrain
+    return slippery(asked.plan.problem, settings.friction_share).terrain
 
 
 def _world(
@@ -252,7 +252,7 @@ def _world(
         if setup is not None:
             raise InvalidInput("setup: expected none with a world that was made before")
         return world
-    made_for = asked.plan.course if isinstance(asked, Accepted) else asked
+    made_for = asked.plan.problem if isinstance(asked, Accepted) else asked
     return WORLDS.get(world).make(
         WorldSettings(
             robot=made_for.robot,

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.posture import Posture
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
@@ -33,7 +32,7 @@ WALK_FPS = 25.0
 @checked
 def draw(
     subject: Problem | Plan | LeapPlan | Trajectory,
-    answer: Posture | Certificate | None = None,
+    answer: Plan | Certificate | None = None,
     *,
     envelope: Envelope | None = None,
     caption: str = "",
@@ -43,9 +42,9 @@ def draw(
 
     Arguments:
         subject: what to draw.
-        answer: of a posture problem, its posture; without one the body is shown at the nominal centre of mass. Or its
+        answer: of a posture problem, its plan; without one the body is shown at the nominal centre of mass. Or its
             certificate, of which the picture says what the cheapest single change is.
-        envelope: of a posture problem, a box to draw with it.
+        envelope: of a posture problem or its plan, a box to draw with it.
         caption: title, where not the usual one.
         out: a picture to write: .png, .pdf or .svg.
     Returns:
@@ -58,17 +57,19 @@ def draw(
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
-        >>> figure = stancekit.draw(problem, stancekit.solve(problem).solution, caption="three limbs")
+        >>> figure = stancekit.draw(stancekit.solve(problem).solution, caption="three limbs")
         >>> type(figure).__name__
         'Figure'
     """
     if isinstance(subject, Problem) and not subject.is_posture:
         raise InvalidInput(f"draw: expected a posture problem, got the course {subject.name}: draw its plan")
+    if isinstance(subject, Plan) and answer is None and subject.problem.is_posture:
+        return draw(subject.problem, subject, envelope=envelope, caption=caption, out=out)
     if not isinstance(subject, Problem) and (answer is not None or envelope is not None):
         raise InvalidInput(f"draw: expected no answer and no envelope with a {type(subject).__name__}")
     match subject:
         case Problem():
-            posture = answer if isinstance(answer, Posture) else None
+            posture = answer if isinstance(answer, Plan) else None
             why = explain(answer.of(subject)).message if isinstance(answer, Certificate) else ""
             figure = draw_posture(subject, posture, envelope=envelope, caption=caption, why=why)
         case Plan():
@@ -111,6 +112,8 @@ def film(
     from stancekit.views.film import check_film
     from stancekit.views.video import write_video
 
+    if isinstance(motion, Plan) and motion.problem.is_posture:
+        raise InvalidInput("film: expected something that moves, got the plan of a posture problem: draw it")
     path = Path(out)
     check_film(path)
     frames, total, fps = frames_of(motion, executed)

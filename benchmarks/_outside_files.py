@@ -66,7 +66,8 @@ class Opened:
         verdict = self.head["verdict"]
         self.head["arrays"]["npz"] = _packed(self.arrays)
         with contextlib.suppress(InvalidInput):  # a course that is none is refused without its digest
-            plan = Plan(course=course_from_json(self.head["course"]), provenance=self.head["provenance"], **self.arrays)
+            course = course_from_json(self.head["course"])
+            plan = Plan(problem=course, provenance=self.head["provenance"], **self.arrays)
             verdict["digest"] = plan_digest(plan, verdict["tolerance"], verdict["accepted"], verdict["checked"])
         self.head["sha256"] = _canonical({key: value for key, value in self.head.items() if key != "sha256"})
 

@@ -33,7 +33,7 @@ class Perturbed:
 
 def moved(plan: Plan, rng: np.random.Generator, far_m: float, turned_rad: float) -> Perturbed:
     """Every plane moved along its normal and turned about a random axis in it, each by up to so much, either way."""
-    course, planes = plan.course, list[tuple[Patch, Callable[[Patch], Patch]]]()
+    course, planes = plan.problem, list[tuple[Patch, Callable[[Patch], Patch]]]()
 
     def of(patch: Patch) -> Patch:
         for plane, move in planes:
@@ -69,7 +69,7 @@ def moved(plan: Plan, rng: np.random.Generator, far_m: float, turned_rad: float)
 
 def missing(plan: Plan, rng: np.random.Generator) -> Perturbed:
     """Nothing around one of the places where a foot should come down."""
-    course, starts = plan.course, plan.toes_at(0)
+    course, starts = plan.problem, plan.toes_at(0)
     later = [index for index, each in enumerate(course.footholds) if each.frame > 0
              and np.linalg.norm(plan.toes_m[index] - starts, axis=1).min() > np.sqrt(2.0) * HOLE_M]  # fmt: skip
     if not later:
@@ -93,7 +93,7 @@ def missing(plan: Plan, rng: np.random.Generator) -> Perturbed:
 
 def pushed(plan: Plan, rng: np.random.Generator, share: float) -> Perturbed:
     """A push on the body from anywhere, of half to all of this share of the weight."""
-    course, way = plan.course, rng.standard_normal(3)
+    course, way = plan.problem, rng.standard_normal(3)
     force = rng.uniform(0.5, 1.0) * share * course.weight_n * way / np.linalg.norm(way)
     push = Push(force_n=tuple(force.tolist()), at_s=rng.uniform(*PUSH_S), seconds=rng.uniform(*PUSHED_S))
     return Perturbed(terrain=course.terrain, course=course, imperfections=Imperfections(pushes=(push,)))

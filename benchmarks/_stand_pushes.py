@@ -102,7 +102,7 @@ def key_of(file: Path, stance: int, deg: float) -> str:
 def said_n(file: Path) -> list[float]:
     """The largest push that the verifier says each stance of a plan bears in every direction [N]."""
     plan, _ = read_plan(file)
-    names = list(plan.course.robot.limb_names)
+    names = list(plan.problem.robot.limb_names)
     known = {
         (margin.frame, frozenset(names.index(limb) for limb in margin.limbs)): margin.push_n
         for margin in stance_margins(plan, pushes_alone=True, yields_m=verdict_yields_m(plan))

@@ -53,11 +53,11 @@ class Wrong:
 
     def patches(self, plan: Plan) -> tuple[Patch, ...]:
         """The terrain of a plan's course."""
-        patches = slippery(plan.course, self.friction).terrain
+        patches = slippery(plan.problem, self.friction).terrain
         if self.farther_m == 0.0:
             return patches
         away = (patch.with_vertices(patch.vertices_m - self.farther_m * patch.normal) for patch in patches)
-        held = (plan.course.patch(int(p), plan.choice) for p in plan.course.holds[0])
+        held = (plan.problem.patch(int(p), plan.choice) for p in plan.problem.holds[0])
         pads = (pad(patch, toe, self.friction) for patch, toe in zip(held, plan.toes_at(0), strict=True))
         return (*away, *pads)
 

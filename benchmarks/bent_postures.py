@@ -17,7 +17,6 @@ from _bench import Options, launch
 
 import stancekit
 from stancekit.envs.distributions.postures import distribution
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.whole_body_outcome import with_whole_body
@@ -51,11 +50,8 @@ def main(arguments: Arguments) -> None:
         course = problem.course(robot=robot)
         order = [problem.legs.index(name) for name in course.robot.limb_names]
         found = straight.solution
-        posture = stancekit.Posture(
-            com_m=found.com_m, rotation_rad=found.rotation_rad, toes_m=found.toes_m[order],
-            forces_n=found.forces_n[order],
-        )  # fmt: skip
-        bare = replace(straight, solution=Plan.of_posture(course, posture), problem=course)
+        plan = replace(found, problem=course, toes_m=found.toes_m[order], forces_n=found.forces_n[:, order])
+        bare = replace(straight, solution=plan, problem=course)
         answer = with_whole_body(bare, replace(limits, steps=0))
         accepted["straight"] += answer.status.value == "feasible"
         seconds["straight"] += time.process_time() - began

@@ -71,8 +71,8 @@ def planned(name: str) -> Plan:
 
 def forward(plan: Plan, rate_hz: float, pace: float, seconds: float) -> dict[str, Any]:
     """One plan over the bus."""
-    robot = plan.course.robot
-    kinematics = Kinematics(robot, gravity_m_s2=plan.course.gravity_m_s2)
+    robot = plan.problem.robot
+    kinematics = Kinematics(robot, gravity_m_s2=plan.problem.gravity_m_s2)
     can = DynamixelWorld(robot, nominal(kinematics.joints, port="none"), rate_hz=rate_hz).capabilities
     timed = parametrize(plan, kinematics, can, Timing().at_pace(pace), hung=True)
     tracker = Tracker(timed.motion, kinematics, rate_hz, ContactFeedback(press_hz=0.0, seek_m=0.0))
@@ -81,7 +81,7 @@ def forward(plan: Plan, rate_hz: float, pace: float, seconds: float) -> dict[str
         world = DynamixelWorld(robot, nominal(kinematics.joints, port=bus.path, watchdog_s=0.5), rate_hz=rate_hz)
         with world:
             pose = first.origin_m, rotation_of(first.sample.rotation_rad)
-            world.reset(plan.course.terrain, first.angles_rad, *pose)
+            world.reset(plan.problem.terrain, first.angles_rad, *pose)
             world.torque(True)
             starts, busy, errors, clipped = list[float](), list[float](), list[Any](), 0
             felt, begin, cpu = first.sample.forces_n, time.monotonic(), time.process_time()

@@ -82,7 +82,7 @@ def main(arguments: Arguments) -> None:
 
 def measured(accepted: Accepted, rate_hz: float) -> dict[str, Any]:
     """The plan in simulation, and on the bus."""
-    robot, simulated = accepted.plan.course.robot, Sent()
+    robot, simulated = accepted.plan.problem.robot, Sent()
     world = make_world("mujoco", robot, rate_hz=rate_hz, actuators=SERVOS)
     first = Runner(world, settings=RunSettings(blind=True), log=simulated).run(accepted)
     with EmulatedBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:

@@ -134,7 +134,7 @@ def perturbed(arguments: Arguments, shares: np.ndarray) -> Arguments:
 
 def ran(accepted: Accepted, arguments: Arguments) -> Row:
     """A plan, run. refused: why that did not succeed, empty where it did; figures where bodies are measured."""
-    course, wrong = accepted.plan.course, Wrong.of(arguments)
+    course, wrong = accepted.plan.problem, Wrong.of(arguments)
     made = make_world(
         arguments.world, course.robot, gravity_m_s2=course.gravity_m_s2, imperfections=wrong.imperfections
     )

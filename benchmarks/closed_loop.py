@@ -133,7 +133,7 @@ def ran(plan: Accepted | str, index: int, wrong: str, share: float, mode: str, a
     """One run of one course in one world."""
     if isinstance(plan, str):
         return Ran(solvable=False, why=plan)
-    course, rng = plan.plan.course, np.random.default_rng([arguments.seed, index, 1])
+    course, rng = plan.plan.problem, np.random.default_rng([arguments.seed, index, 1])
     settings = settings_of(mode, arguments.replan_m, SHARES if arguments.reserve else (1.0,))
     has, world = Perturbed(terrain=course.terrain, course=slippery(course, share)), None
     if wrong == "moved":

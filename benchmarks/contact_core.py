@@ -124,7 +124,7 @@ def _reached(plan: Any) -> Standing:
     """Where the robot stands at the second frame of a plan."""
     return Standing(
         com_m=plan.com_m[1], rotation_rad=plan.rotation_rad[1], toes_m=plan.toes_at(1),
-        patches=tuple(plan.course.patch(int(p), plan.choice) for p in plan.course.holds[1]),
+        patches=tuple(plan.problem.patch(int(p), plan.choice) for p in plan.problem.holds[1]),
     )  # fmt: skip
 
 

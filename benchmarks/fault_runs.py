@@ -76,14 +76,14 @@ class FaultyRunner(Runner):
 def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
     """A fault of the bus or of the host, while the runner runs."""
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
-    joints = joint_names(accepted.plan.course.robot)
+    joints = joint_names(accepted.plan.problem.robot)
     start = first_pose(accepted)
     with BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus:
         calibration = resting(joints, start, bus.path)
         if kind == "wrong calibration":
             calibration, _ = spoiled(calibration, rng)
         runner = FaultyRunner(
-            DynamixelWorld(accepted.plan.course.robot, calibration), dry=False, at_s=at_s,
+            DynamixelWorld(accepted.plan.problem.robot, calibration), dry=False, at_s=at_s,
             fault=host_fault(kind, bus), settings=RunSettings(hung=True, ending=ending),
         )  # fmt: skip
         jumps = mock.patch("time.time", side_effect=lambda: float(rng.uniform(0.0, 4e9)))
@@ -154,7 +154,7 @@ def edited(path: Path, rng: np.random.Generator) -> dict[str, Any]:
 def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
     """All surfaces lose friction, in MuJoCo."""
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
-    world = CountedWorld(accepted.plan.course.robot, share=0.4)
+    world = CountedWorld(accepted.plan.problem.robot, share=0.4)
     world.inject("friction differs", at_s)
     runner = Runner(world)
     found = outcome(runner, accepted)
@@ -180,7 +180,7 @@ def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, A
     from stancekit.runner.worlds.ros.setup import same_names
 
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
-    robot = accepted.plan.course.robot
+    robot = accepted.plan.problem.robot
     joints = joint_names(robot)
     with RosBridge(joints, first_pose(accepted)) as bridge:
         setup = same_names(joints, port=bridge.port)

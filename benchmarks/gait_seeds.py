@@ -184,10 +184,10 @@ def world_frames(field: HeightField, ends_m: Array, yaw: float) -> KeyFrames:
     plan = planned(course(np.column_stack([line, body + HEIGHT_M]), terrain))
     toes = plan.toes_m @ turn.T + home
     return KeyFrames(
-        limbs=tuple(limb.name for limb in plan.course.robot.limbs),
+        limbs=tuple(limb.name for limb in plan.problem.robot.limbs),
         com_m=plan.com_m @ turn.T + home,
         rotation=turn @ Rotation.from_rotvec(plan.rotation_rad.copy()).as_matrix(),
-        toes_m=np.array([toes[plan.course.holds[frame]] for frame in range(plan.course.frames)]),
+        toes_m=np.array([toes[plan.problem.holds[frame]] for frame in range(plan.problem.frames)]),
         problems=(),
     )
 

@@ -36,7 +36,7 @@ from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import learn_selector
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium import rows as conic_rows
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.files.arrays import Array
@@ -116,7 +116,7 @@ def alone(batch: PostureBatch) -> Points:
     return points(batch, {k: posture for k, posture in answers.items() if posture is not None})
 
 
-def points(batch: PostureBatch, postures: dict[int, Posture]) -> Points:
+def points(batch: PostureBatch, postures: dict[int, Plan]) -> Points:
     """[p, f] by index."""
     some = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp)))
     return dict(zip(postures, some.pairs(list(postures.values())), strict=True))

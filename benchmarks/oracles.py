@@ -32,11 +32,11 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.micp import MicpGrid
-from stancekit.planners.search.answer import Planner
+from stancekit.planners.search.answer import Planner, plan_of
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.search.nlp import NlpPlanner
-from stancekit.planners.verify import check_posture
+from stancekit.planners.verify import check_plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +170,7 @@ def ask_bilinear(
     if answer.point is None:
         return Said(label=answer.label, ms=ms, solver_ms=solver_ms)
     points = (answer.point, project(programs, "scp", scaled, answer.point))
-    reports = [check_posture(problem, scaled.posture(point)) for point in points]
+    reports = [check_plan(plan_of(problem, scaled, scaled.numbers, point)) for point in points]
     return Said(
         label=answer.label,
         verified=reports[1].accepted,

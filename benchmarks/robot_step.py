@@ -150,8 +150,8 @@ def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
     """How far pinocchio has the toes of a plan's joint angles from where the plan has them, shape (M, N) [m]."""
     pin = pinocchio()
     known = pin.buildModelFromXML(model.urdf)
-    data, errors = known.createData(), np.empty((plan.course.frames, len(model.legs)))
-    for k in range(plan.course.frames):
+    data, errors = known.createData(), np.empty((plan.problem.frames, len(model.legs)))
+    for k in range(plan.problem.frames):
         q = pin.neutral(known)
         assert plan.joints_rad is not None
         for name, angle in zip(model.joint_names, plan.joints_rad[k], strict=True):
@@ -162,7 +162,7 @@ def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
         turn = pin.exp3(np.array(plan.rotation_rad[k]))
         for i, leg in enumerate(model.legs):
             foot = data.oMi[known.getJointId(leg.joint_names[-1])].act(np.array(leg.chain.tip_m))
-            normal = plan.course.patch(int(plan.course.holds[k][i]), plan.choice).normal
+            normal = plan.problem.patch(int(plan.problem.holds[k][i]), plan.choice).normal
             toe = plan.com_m[k] + turn @ (foot - model.body.com_m) - leg.radius_m * normal
             errors[k, i] = np.linalg.norm(toe - plan.toes_at(k)[i])
     return errors

@@ -140,7 +140,7 @@ def ran(content: Accepted | AcceptedGait, wrong: Wrong, world: str, press_hz: fl
         robot, gravity, terrain = content.robot, content.gravity_m_s2, wrong.ground(content)
         made = make_world(world, robot, gravity_m_s2=gravity, imperfections=wrong.imperfections)
         return Runner(made, settings=settings).run(content, terrain)
-    course = content.plan.course
+    course = content.plan.problem
     made = make_world(world, course.robot, gravity_m_s2=course.gravity_m_s2, imperfections=wrong.imperfections)
     return Runner(made, settings=settings).run(content, wrong.patches(content.plan))
 

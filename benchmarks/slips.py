@@ -51,7 +51,7 @@ def main(arguments: Arguments) -> None:
 
 def tried(accepted: Accepted, kind: str, rng: np.random.Generator, share: float, ending: Ending) -> dict[str, Any]:
     """One run with one fault at a random time of the plan."""
-    robot = accepted.plan.course.robot
+    robot = accepted.plan.problem.robot
     world = SlippingWorld(robot, limb=int(rng.integers(len(robot.limbs))), share=share)
     runner = Runner(world, settings=RunSettings(ending=ending))
     at_s = float(rng.uniform(0.2, 12.0))

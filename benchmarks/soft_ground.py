@@ -117,7 +117,7 @@ def planned(course: Problem, file: Path) -> str:
 def ran(file: Path, world: str, stiffness_n_m: float | None, mode: str) -> dict[str, Any]:
     """One run of a plan: what came of it."""
     accepted = Accepted.from_file(file)
-    course, contact = accepted.plan.course, SoftContact.of(stiffness_n_m, None)
+    course, contact = accepted.plan.problem, SoftContact.of(stiffness_n_m, None)
     made = make_world(world, course.robot, gravity_m_s2=course.gravity_m_s2, contact=contact)
     report = Runner(made, settings=MODES[mode]).run(accepted)
     run, begun = report.execution, {"file": file.stem, "world": world, "mode": mode}

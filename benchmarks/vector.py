@@ -40,7 +40,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.search.answer import Acceptance, Claim
+from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.exact import ExactPlanner
 
@@ -152,7 +152,7 @@ class BareLoop:
             if answer.feasible and answer.point is not None:
                 point = project(self._programs, "fix-p", scaled, answer.point)
                 if np.isfinite(point.residual):
-                    claim = Claim(found=scaled.posture(point))
+                    claim = Claim(found=plan_of(scene.problem, scaled, scaled.numbers, point))
                     self._acceptance.answer(scene.problem, claim, method="fix-p", clock=Clock.start())
 
 

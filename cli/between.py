@@ -134,14 +134,12 @@ class Between:
 
     def terrain(self, name: str, robot: str | None) -> FileTerrain:
         """The terrain's file as a description, whose footholds are found when they are asked for."""
-        from dataclasses import asdict
-
-        from stancekit.planners.problem.file_terrain import FileTerrain, FootholdKeys
+        from stancekit.planners.problem.file_terrain import FileTerrain
 
         keys = vars(self.file.options())
         return FileTerrain(
             file=str(Path(name).resolve()),
-            footholds=FootholdKeys(**asdict(self._limits(robot))),
+            footholds=self._limits(robot),
             friction=self._friction(),
             **{**keys, "kind": keys["kind"] or "file"},
         )

@@ -282,7 +282,7 @@ class PlanCourse:
             yield f"planned with {100 * share:.0f} % of the friction"
         if press := plan.provenance.get("press_share"):
             yield f"every foot that carries presses with {100 * press:.0f} % of the weight or more"
-        if (wrench := plan.course.wrench) is not None:
+        if (wrench := plan.problem.wrench) is not None:
             force_n, moment_nm = (float((part**2).sum(axis=1).max() ** 0.5) for part in (wrench[:, :3], wrench[:, 3:]))
             yield f"carries up to {force_n:.3g} N and {moment_nm:.3g} Nm on the body beside its weight"
         if layout := plan.provenance.get("layout"):
@@ -293,11 +293,11 @@ class PlanCourse:
         yield report.margin_message
         if report.accepted and outcome.status.value == "undecided":
             yield f"not accepted as a plan: {outcome.message}"
-        yield from (f"cannot be run: {line}" for line in plan.course.robot.source.unrunnable)
+        yield from (f"cannot be run: {line}" for line in plan.problem.robot.source.unrunnable)
         if (at := outcome.message.find(LATE)) >= 0:
             yield f"{outcome.message[at:]}; --time-limit-s sets it, now to {self.time_limit_s:g} s"
         if plan.modes is not None:
-            terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
+            terrain = "" if plan.problem.modes is None else f"; of the terrain: {row(plan.problem.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"
         refused = "" if report.accepted else ", of a plan that the verifier refuses"
         yield from (f"wrote {path}{refused}" for path in self._outputs())
@@ -332,6 +332,6 @@ class PlanCourse:
             arrays = plan_arrays(outcome.solution).items()
             record["verdict"] = report.to_json()
             record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
-            record["cannot_run"] = list(outcome.solution.course.robot.source.unrunnable)
+            record["cannot_run"] = list(outcome.solution.problem.robot.source.unrunnable)
             record["files"] = [str(path) for path in self._outputs()]
         return record

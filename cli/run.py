@@ -148,7 +148,7 @@ class RunMotion:
                 said = str(error).replace("got a policy", "got --policy").replace("timing:", "--pace:")
                 raise InvalidInput(said) from None
         with ExitStack() as stack:
-            made_for = request.plan.course if isinstance(request, Accepted) else request
+            made_for = request.plan.problem if isinstance(request, Accepted) else request
             with as_options("setup", "rate_hz", "actuators", "contact_stiffness_n_m", "contact_damping_ns_m"):
                 world = kind.make(
                     WorldSettings(

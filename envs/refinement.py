@@ -11,7 +11,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
@@ -229,7 +228,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             "verdict": verdicts[search.verdict],
             "label": int(scene.feasible),
             "is_success": int(search.verdict is not Status.UNDECIDED),
-            **margin_info(None if found is None else Plan.of_posture(scene.problem, found)),
+            **margin_info(found),
         }
 
 

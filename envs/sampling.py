@@ -19,14 +19,14 @@ import numpy as np
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, PlanningFailed, StancekitError
 from stancekit.planners.problem import PostureBatch, Problem
-from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.answer import Acceptance, plan_of
 from stancekit.planners.search.cuts import CutSearch
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.screen import stands, unsupported
@@ -227,13 +227,13 @@ class _Drawn:
 def _verified(claims: Sequence[_Claim], accept: Acceptance) -> list[_Drawn]:
     """The scenes of these claims, up to the first that the verifier refuses."""
     begin = time.perf_counter()
-    places, proofs = dict[int, Posture](), dict[int, Certificate]()
+    places, proofs = dict[int, Plan](), dict[int, Certificate]()
     for k, claim in enumerate(claims):
         if claim.search.found is not None:
-            places[k] = claim.scaled.posture(claim.search.found[1])
+            places[k] = plan_of(claim.problem, claim.scaled, *claim.search.found)
         elif (proof := claim.search.certificate()) is not None:
             proofs[k] = proof.of(claim.problem)
-    worst = check_postures([claims[k].problem for k in places], list(places.values()))
+    worst = check_postures(list(places.values()))
     bounds = check_certificates(list(proofs.values()))
     bound = dict(zip(proofs, bounds.tolist(), strict=True))
     right = {k for k, off in zip(places, worst.tolist(), strict=True) if off <= accept.tolerance}

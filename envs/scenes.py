@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.posture import Posture
 from stancekit.planners.cached import cached_property
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -32,7 +31,7 @@ class LabelledScene:
 
     problem: Problem
     feasible: bool
-    posture: Posture | None
+    posture: Plan | None
     lower_bound: float = 0.0
     expert_seconds: float = 0.0
 
@@ -56,10 +55,10 @@ class LabelledScene:
     @cached_property
     def margins(self) -> dict[str, float]:
         """Margins of the witness (``margin_info``), under the keys of ``info``; measured when first asked for."""
-        return margin_info(None if self.posture is None else Plan.of_posture(self.problem, self.posture), "expert_")
+        return margin_info(self.posture, "expert_")
 
     @classmethod
-    def of(cls, problem: Problem, outcome: Answer[Posture]) -> LabelledScene:
+    def of(cls, problem: Problem, outcome: Answer[Plan]) -> LabelledScene:
         """A problem that the expert decided."""
         return cls(
             problem=problem,

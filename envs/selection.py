@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.relaxation.envelope import Envelope
 
@@ -120,7 +120,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         settings = settings_from(SelectionSettings, options, beside=("problem", "render_mode"))
         self._task = SelectionTask(problem, settings)
         self._scene: LabelledScene | None = None
-        self._shown: tuple[Posture | None, Envelope | None] = (None, None)
+        self._shown: tuple[Plan | None, Envelope | None] = (None, None)
         self.observation_space: spaces.Space[Any] = self._task.observation_space
         self.action_space = self._task.action_space
 
@@ -166,7 +166,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
 
 def picture(
-    scene: LabelledScene, posture: Posture | None = None, envelope: Envelope | None = None
+    scene: LabelledScene, posture: Plan | None = None, envelope: Envelope | None = None
 ) -> NDArray[np.uint8]:
     """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in that."""
     from stancekit.views.postures import draw_posture

@@ -14,7 +14,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.posture import Posture
 from stancekit.planners.equilibrium.features import ROOM
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -26,6 +25,7 @@ from stancekit.planners.projection.project import PROJECTIONS, Projection, proje
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.relaxation.table import RELAXATIONS
+from stancekit.planners.search.answer import plan_of
 from stancekit.planners.verify import check_postures
 
 from .margins import margin_info
@@ -47,7 +47,7 @@ class Verdict:
 
     reward: float
     info: dict[str, Any]
-    posture: Posture | None
+    posture: Plan | None
     envelope: Envelope
 
 
@@ -58,7 +58,7 @@ class _Trial:
     scene: LabelledScene
     answer: RelaxationAnswer
     envelope: Envelope
-    postures: dict[Projection, Posture]
+    postures: dict[Projection, Plan]
     found: int
     p1_seconds: float
     p2_seconds: float
@@ -181,11 +181,11 @@ class SelectionTask:
             self._project(scene, answer, envelopes, each)
             for scene, answer, (envelopes, _) in zip(scenes, answers, asked, strict=True)
         ]
-        found = [(trial.scene, trial.postures, way) for trial in tried for way in trial.postures]
+        found = [(trial.postures, way) for trial in tried for way in trial.postures]
         if found:
             begin = time.perf_counter()
-            worst = check_postures([scene.problem for scene, *_ in found], [its[way] for _, its, way in found])
-            for (_, its, way), off in zip(found, worst.tolist(), strict=True):
+            worst = check_postures([its[way] for its, way in found])
+            for (its, way), off in zip(found, worst.tolist(), strict=True):
                 if off > ADMITTED:
                     del its[way]
             share = (time.perf_counter() - begin) / len(found)
@@ -208,10 +208,14 @@ class SelectionTask:
     ) -> _Trial:
         """From the point of P1 every projection."""
         begin = time.perf_counter()
-        postures: dict[Projection, Posture] = {}
+        postures: dict[Projection, Plan] = {}
         if answer.feasible and answer.point is not None:
             points = {way: project(self._programs, way, scene.scaled, answer.point) for way in self._projections}
-            postures = {way: scene.scaled.posture(at) for way, at in points.items() if np.isfinite(at.residual)}
+            postures = {
+                way: plan_of(scene.problem, scene.scaled, scene.scaled.numbers, at)
+                for way, at in points.items()
+                if np.isfinite(at.residual)
+            }
         return _Trial(
             scene=scene, answer=answer, envelope=envelopes[answer.chosen], postures=postures, found=len(postures),
             p1_seconds=p1_seconds, p2_seconds=time.perf_counter() - begin,
@@ -272,12 +276,9 @@ class SelectionTask:
             "expert_seconds": scene.expert_seconds if self._timing else 0.0,
         }
 
-    def _margins_of(self, scene: LabelledScene, posture: Posture | None) -> dict[str, float]:
+    def _margins_of(self, scene: LabelledScene, posture: Plan | None) -> dict[str, float]:
         """The margins of a posture that was found and of the expert's, where they are asked for."""
-        if not self._margins:
-            return self._unmeasured
-        found = None if posture is None else Plan.of_posture(scene.problem, posture)
-        return margin_info(found) | scene.margins
+        return margin_info(posture) | scene.margins if self._margins else self._unmeasured
 
 
 def _numbers(action: Any) -> Array:

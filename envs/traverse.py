@@ -193,7 +193,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         tried = self._try(course, int(action))
         if tried.plan is not None:
             self._walked = [*self._walked, tried.plan]  # a new list: a copy of the environment is a state to go back to
-            self._frame += tried.plan.course.frames - 1
+            self._frame += tried.plan.problem.frames - 1
         self._vain += tried.plan is None
         terminated = tried.infeasible or tried.executed == 0 or self._frame == course.frames - 1
         truncated = not terminated and self._vain >= self._patience
@@ -290,7 +290,7 @@ class _Try:
         """How far the COM went forward along its nominal path [m]."""
         if self.plan is None:
             return 0.0
-        course, steps = self.plan.course, np.diff(self.plan.com_m, axis=0)
+        course, steps = self.plan.problem, np.diff(self.plan.com_m, axis=0)
         return float(sum(step @ course.direction(k) for k, step in enumerate(steps, 1)))
 
 

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.trajectory import robot_to_json
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.archive import read_archive
 from stancekit.planners.files.arrays import Array
@@ -161,7 +160,7 @@ class WalkPool:
         tasks = self.tasks
         if isinstance(tasks, SampledTasks):
             drawn = {name: getattr(tasks, name) for name in ("terrain", "difficulty", "distance_m", "duration_s")} | {
-                "robot": hashlib.sha256(json.dumps(robot_to_json(tasks.robot), sort_keys=True).encode()).hexdigest()
+                "robot": hashlib.sha256(json.dumps(tasks.robot.to_json(), sort_keys=True).encode()).hexdigest()
             }
         else:
             drawn = {"drawn_by": f"{tasks.__module__}:{getattr(tasks, '__qualname__', type(tasks).__qualname__)}"}

@@ -14,6 +14,7 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.codec import to_json
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.formats.trajectory_file import read_trajectory
 from stancekit.planners.physics import GRAVITY_M_S2
@@ -48,6 +49,8 @@ class Accepted:
     @classmethod
     def verified(cls, plan: Plan, source: str) -> Accepted:
         """Verify a plan now. Raises InvalidInput for one that is rejected."""
+        if plan.problem.is_posture:
+            raise InvalidInput(f"{source}: expected the plan of a course, got that of a posture problem")
         report = _judged(plan)
         if not report.accepted:
             raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")
@@ -62,7 +65,7 @@ class Accepted:
 
     def check_fits(self, world: World) -> None:
         """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose of the plan."""
-        check_joints(self.source, self.plan.course.robot, world, self.plan.course.gravity_m_s2)
+        check_joints(self.source, self.plan.problem.robot, world, self.plan.problem.gravity_m_s2)
         report = joint_report(self.plan, world.servo)
         if not report.accepted:
             raise InvalidInput(f"{self.source}: expected joints that can do it, they cannot: {report.message}")
@@ -119,7 +122,7 @@ def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:
 
 def _judged(plan: Plan) -> Report[Plan]:
     """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs of its own."""
-    return check_plan(plan, joints=plan.joints_rad is not None or plan.course.robot.source.own)
+    return check_plan(plan, joints=plan.joints_rad is not None or plan.problem.robot.source.own)
 
 
 def _said(report: Report[Plan]) -> str:
@@ -162,7 +165,7 @@ def _differs(plan: Robot, world: Robot) -> str:
             return f"limb {mine.name} reaches {mine.reach_m:g} m and {other.reach_m:g} m"
         if not np.allclose(mine.shoulder_m, other.shoulder_m, atol=1e-6):
             return f"limb {mine.name} begins at {mine.shoulder_m.tolist()} and {other.shoulder_m.tolist()}"
-        sets = [rows and rows.to_json() for rows in (mine.reach_rows, other.reach_rows)]
+        sets = [to_json(limb.reach_rows) for limb in (mine, other)]
         if sets[0] != sets[1]:
             return f"limb {mine.name} has other half-spaces of reach"
     return ""

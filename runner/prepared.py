@@ -132,8 +132,8 @@ def prepare_plan(
             accepted.check_stands(settings.least_push)
         accepted.check_fits(world)
     else:
-        check_joints(accepted.source, plan.course.robot, world, plan.course.gravity_m_s2)
-    course = plan.course
+        check_joints(accepted.source, plan.problem.robot, world, plan.problem.gravity_m_s2)
+    course = plan.problem
     if resumption is None:
         kinematics = Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
     else:

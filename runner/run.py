@@ -209,7 +209,7 @@ class Runner:
         if self.settings.wrench is not None:
             wrench = np.array(self.settings.wrench)
         elif self._prepared is not None and isinstance(self._prepared.motion, PlanMotion):
-            wrench = wrench_between(self._prepared.motion.plan.course, frame)
+            wrench = wrench_between(self._prepared.motion.plan.problem, frame)
         if wrench is not None:
             self.world.carry(wrench)
         return wrench
@@ -304,7 +304,7 @@ def simulate(
     of the servo's limits. progress: as of ``Runner``. Raises InvalidInput for a plan that the verifier rejects, a
     schedule that lifts all limbs at once, a world that is no simulation, and without pinocchio.
     """
-    accepted, course = Accepted.verified(plan, plan.course.name), plan.course
+    accepted, course = Accepted.verified(plan, plan.problem.name), plan.problem
     gravity = course.gravity_m_s2
     made = make_world(world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=gravity, actuators=actuators)
     if made.kind != "simulation":

@@ -72,7 +72,7 @@ def streamed_targets(subject: Plan | Trajectory, rate_hz: float, *, blind: bool 
     settings = RunSettings(blind=blind, body=BodyFeedback())
     if isinstance(subject, Plan):
         accepted: Accepted | AcceptedGait = Accepted.verified(subject, "plan")
-        robot, ground = subject.course.robot, cast("Terrain", subject.course.terrain)
+        robot, ground = subject.problem.robot, cast("Terrain", subject.problem.terrain)
     else:
         walk = AcceptedGait.verified(subject, "walk")
         accepted, robot, ground = walk, walk.robot, walk.ground()

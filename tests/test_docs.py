@@ -21,7 +21,7 @@ from stancekit.cli.main import main
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.verify import check_posture
+from stancekit.planners.verify import check_plan
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -159,7 +159,7 @@ def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answe
         problem = Problem.from_json(example)
         outcome = ExactPlanner().solve(problem)
         assert outcome.status is not Status.UNDECIDED
-        assert outcome.solution is None or check_posture(problem, outcome.solution).accepted
+        assert outcome.solution is None or check_plan(outcome.solution).accepted
 
 
 def test_every_verb_on_a_page_is_one_that_there_is() -> None:

@@ -82,10 +82,7 @@ def calls(folder: Path) -> dict[str, Call]:
     refuted = [outcome for outcome in outcomes if outcome.certificate is not None]
     refuted = refuted[:3]  # a number that divides PERIOD
     of_proof = [outcome.certificate for outcome in refuted]
-    held = [
-        (p, o.solution) for p, o in zip(problems, outcomes, strict=True) if o.solution is not None
-    ]
-    held = held[:3]
+    held = [outcome.solution for outcome in outcomes if outcome.solution is not None][:3]
     asked = {question.name: question for question in questions()}
     dog = replace(asked["dog-0.48"], keys=asked["dog-0.48"].keys | {"frames": 4}).file(folder)
     plans = [
@@ -124,7 +121,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "sample": lambda k: stancekit.sample(("wall-3", "ground-3", "wall-5")[k % 3], 3, rng=k % 5),
         "solve": lambda k: stancekit.solve(problems[k % 10], ("exact", "lift", "two-stage")[k % 3]),
         "plan": planned,
-        "verify": lambda k: stancekit.verify(*held[k % len(held)]),
+        "verify": lambda k: stancekit.verify(held[k % len(held)]),
         "verify a proof": lambda k: stancekit.verify(of_proof[k % len(of_proof)]),
         "verify a plan": lambda k: stancekit.verify(plans[k % 2]),
         "explain": lambda k: stancekit.explain(refuted[k % len(refuted)]),

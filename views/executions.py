@@ -42,7 +42,7 @@ class ExecutionView(PlanView):
     def instant(self, row: int) -> Samples:
         """What the world had after a control period, with the footholds of the nearest key frame."""
         trace = self.execution.trace
-        key = self.keys.key(min(round(float(trace.frame[row])), self.plan.course.frames - 1))
+        key = self.keys.key(min(round(float(trace.frame[row])), self.plan.problem.frames - 1))
         return replace(
             key,
             com_m=trace.com_m[row],
@@ -80,8 +80,9 @@ class ExecutionView(PlanView):
         rows = np.searchsorted(times, shown).tolist()
         return Animation(
             fixed=self.fixed + self.path(len(times) - 1),
-            moments=[self.row(row, cone_m=0.3 * self.shape.size_m) for row in rows], step_s=1.0 / FPS,
-            camera=self.camera, title=f"{self.plan.course.name} in {self.execution.world}, at {SPEED:g} times its pace",
+            moments=[self.row(row, cone_m=0.3 * self.shape.size_m) for row in rows],
+            step_s=1.0 / FPS, camera=self.camera,
+            title=f"{self.plan.problem.name} in {self.execution.world}, at {SPEED:g} times its pace",
             notes=[self.note(row) for row in rows], legend=[*self.legend, (REAL, "path that was gone")],
         )  # fmt: skip
 
@@ -96,7 +97,7 @@ def draw_execution(
     row = last if time_s is None else min(int(np.searchsorted(trace.time_s, time_s)), last)
     figure = sheet(size_px, SIZE_PX)
     Still(view.fixed + view.row(row) + view.path(row), view.camera).paint(plain_axes(figure, 10.0, 10.0, 92.0))
-    title = caption or f"{plan.course.name} in {execution.world}: {'done' if execution.succeeded else 'failed'}"
+    title = caption or f"{plan.problem.name} in {execution.world}: {'done' if execution.succeeded else 'failed'}"
     headline(figure, title, view.note(row))
     return figure
 

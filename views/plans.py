@@ -80,25 +80,25 @@ class PlanView:
     @cached_property
     def friction(self) -> ScalarMappable:
         """Colours of the surfaces."""
-        course = self.plan.course
+        course = self.plan.problem
         terrain = course.terrain or tuple(put.candidates[0] for put in course.footholds)
         return friction_colours([patch.friction for patch in terrain])
 
     @cached_property
     def shape(self) -> RobotShape:
         """What the robot looks like."""
-        return self.drawn_as or climber(self.plan.course.robot)
+        return self.drawn_as or climber(self.plan.problem.robot)
 
     @cached_property
     def chosen(self) -> list[Patch]:
         """The patch of every foothold."""
-        course = self.plan.course
+        course = self.plan.problem
         return [course.patch(p, self.plan.choice) for p in range(len(course.footholds))]
 
     @cached_property
     def bounds_m(self) -> Array:
         """Lowest and highest coordinates of what is shown, shape (2, 3): chosen patches, bodies, goal, and a margin."""
-        course = self.plan.course
+        course = self.plan.problem
         mounts = np.array([limb.shoulder_m for limb in course.robot.limbs])
         bodies = (self.plan.com_m[:, None] + mounts).reshape(-1, 3)
         points = np.concatenate([*(patch.vertices_m for patch in self.chosen), bodies, course.goal_m[None]])
@@ -128,12 +128,12 @@ class PlanView:
     @cached_property
     def fixed(self) -> Scene:
         """Terrain, and the way over it."""
-        return patches(self.plan.course.terrain, self.bounds_m, self.friction) + self.way
+        return patches(self.plan.problem.terrain, self.bounds_m, self.friction) + self.way
 
     @cached_property
     def way(self) -> Scene:
         """The path of the centre of mass with a dot at every key frame, chosen patches in outline, and the goal."""
-        course, com, size = self.plan.course, self.plan.com_m, self.shape.size_m
+        course, com, size = self.plan.problem, self.plan.com_m, self.shape.size_m
         path = Path(pieces_m=polyline(com), colour=INK, width=1.8, layer=Layer.TOP, lift_m=60.0, halo=True)
         sizes = [(f"com {k}", at, 0.022, INK) for k, at in enumerate(com)] + [("goal", course.goal_m, 0.06, GOAL)]
         marks = [
@@ -155,8 +155,8 @@ class PlanView:
     @cached_property
     def colours(self) -> list[str]:
         """Of the limb of every foothold."""
-        names = self.plan.course.robot.limb_names
-        return [leg_colour(names.index(put.limb)) for put in self.plan.course.footholds]
+        names = self.plan.problem.robot.limb_names
+        return [leg_colour(names.index(put.limb)) for put in self.plan.problem.footholds]
 
     def _window(self, foothold: int) -> DrawnBody:
         """The chosen patch of a foothold, framed in the colour of its limb; made once."""
@@ -184,13 +184,13 @@ class PlanView:
         rotation = np.eye(3) + np.cross(np.eye(3), now.rotation_rad)  # as the planner has it
         return [
             limb_of_three(now.com_m + arm, toe, unit(arm), limb.reach_m)
-            for limb, toe in zip(self.plan.course.robot.limbs, now.toes_m, strict=True)
+            for limb, toe in zip(self.plan.problem.robot.limbs, now.toes_m, strict=True)
             for arm in [rotation @ limb.shoulder_m]
         ]
 
     def _angles(self, now: Samples) -> list[Array]:
         """Angles of each leg of a URDF's robot, near those of the key frames around; feet face their surfaces."""
-        model, key = self.plan.course.robot.source.own_model(), self.plan.joints_rad
+        model, key = self.plan.problem.robot.source.own_model(), self.plan.joints_rad
         near = None if key is None else between(key, now.frame)[None]
         turn = rotation_of(now.rotation_rad)
         found = ToeKinematics(model).solve(now.com_m[None], turn[None], now.toes_m[None], now.normals[None], near)
@@ -200,7 +200,7 @@ class PlanView:
     def _kinematics(self) -> Kinematics | None:
         """Legs that are drawn up for limbs; None where there are none, or pinocchio is not installed."""
         try:
-            return Kinematics(self.plan.course.robot)
+            return Kinematics(self.plan.problem.robot)
         except InvalidInput:
             return None
 
@@ -209,7 +209,7 @@ class PlanView:
         turn = rotation_of(now.rotation_rad)
         if now.origin_m is None:
             return now.com_m, turn
-        return now.origin_m + turn @ self.plan.course.robot.origin_m, turn
+        return now.origin_m + turn @ self.plan.problem.robot.origin_m, turn
 
     def at(self, now: Samples, *, cone_m: float | None = None) -> Scene:
         """The robot at a time, and the forces of feet that stand, in cones as high as the normal force or so."""
@@ -241,7 +241,7 @@ class PlanView:
     def _region(self, frame: int) -> Array:
         """The support region of the tightest stance at a key frame, shape (K, 2) [m]; worked out once."""
         if frame not in self._regions:
-            of_frame = [stance for stance in self.plan.course.stances if stance.frame == frame]
+            of_frame = [stance for stance in self.plan.problem.stances if stance.frame == frame]
             regions = [support_region(self.plan, stance) for stance in of_frame]
             self._regions[frame] = min(regions, key=_area, default=np.zeros((0, 2)))
         return self._regions[frame]
@@ -264,7 +264,7 @@ class PlanView:
     @cached_property
     def tracks(self) -> Scene:
         """The path of every toe from foothold to foothold, dashed."""
-        course, paths = self.plan.course, list[Path]()
+        course, paths = self.plan.problem, list[Path]()
         for p, put in enumerate(course.footholds):
             if put.frame:
                 line = self.keys.path.swing(p, np.linspace(0.0, 1.0, 26))
@@ -273,7 +273,7 @@ class PlanView:
 
     def names(self, now: Samples) -> Scene:
         """The goal, and every limb with its force."""
-        labels = [Label(name="goal", position_m=self.plan.course.goal_m, text="goal", colour=GOAL)]
+        labels = [Label(name="goal", position_m=self.plan.problem.goal_m, text="goal", colour=GOAL)]
         for k, (limb, toe, force) in enumerate(zip(self.shape.limbs, now.toes_m, now.forces_n, strict=True)):
             text = f"{limb} {np.linalg.norm(force):.0f} N"
             labels.append(Label(name=limb, position_m=toe, text=text, colour=leg_colour(k)))
@@ -292,10 +292,10 @@ class PlanView:
         times = self.shown_s(frame_count(self.plan, fps=fps, step_s=step_s, hold_s=hold_s))
         speed = float(times[-1]) * fps / (len(times) - 1)
         shown = [self.motion.at(float(time_s)) for time_s in times]
-        last, height = self.plan.course.frames - 1, 0.3 * self.shape.size_m
+        last, height = self.plan.problem.frames - 1, 0.3 * self.shape.size_m
         return Animation(
             fixed=self.fixed, moments=[self.at(each, cone_m=height) for each in shown], step_s=1.0 / fps,
-            camera=self.camera, title=f"{self.plan.course.name}, at {speed:.2g} times its pace", legend=self.legend,
+            camera=self.camera, title=f"{self.plan.problem.name}, at {speed:.2g} times its pace", legend=self.legend,
             notes=[f"key frame {int(each.frame + 1e-9)} of {last}   ·   {SCALE}" for each in shown],
         )  # fmt: skip
 
@@ -317,7 +317,7 @@ class PlanView:
             (ACCENT, "contact forces in friction cones"),
             (GOAL, "goal"),
         ]
-        for friction in sorted({patch.friction for patch in self.plan.course.terrain})[:6]:
+        for friction in sorted({patch.friction for patch in self.plan.problem.terrain})[:6]:
             words = f"ice, μ = {friction:g}" if friction < ICY else f"friction μ = {friction:g}"
             rows.append((tint(friction, self.friction), words))
         return rows
@@ -342,7 +342,7 @@ def draw_plan(
     height; as high as the scene asks for at the usual width where it is None.
     Raises InvalidInput for a frame that there is not.
     """
-    frames = plan.course.frames
+    frames = plan.problem.frames
     shown = frames - 1 if frame is None else frame
     if not 0 <= shown < frames:
         raise InvalidInput(f"frame: expected 0 to {frames - 1}, got {shown}")
@@ -357,13 +357,13 @@ def draw_plan(
         Entry(text="centre of mass", sign="path"), Entry(text="its support", sign="path", colour=SUPPORT),
         Entry(text="chosen", sign="box", colour=leg_colour(0), fill="#d6efd0"),
     ]  # fmt: skip
-    if any(patch.friction < ICY for patch in plan.course.terrain):
+    if any(patch.friction < ICY for patch in plan.problem.terrain):
         entries.append(Entry(text="ice, μ = 0", sign="ice", colour=ICE_EDGE, fill=ICE))
     draw_legend(figure, 12.0, entries, view.friction)
-    to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - plan.course.goal_m))
+    to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - plan.problem.goal_m))
     words = [f"the robot at key frame {shown} of {frames - 1}", f"{to_goal_mm:.0f} mm from goal at the end", SCALE]
     said = "   ·   ".join(filter(None, (note, *words)))
-    headline(figure, caption or f"{plan.course.name}: {frames} key frames", said)
+    headline(figure, caption or f"{plan.problem.name}: {frames} key frames", said)
     return figure
 
 
@@ -374,12 +374,12 @@ def plan_frames(plan: Plan, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
 
 def frame_count(plan: Plan, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S) -> int:
     """Pictures of a film of the plan."""
-    return round(fps * (step_s * (plan.course.frames - 1) + 2.0 * hold_s)) + 1
+    return round(fps * (step_s * (plan.problem.frames - 1) + 2.0 * hold_s)) + 1
 
 
 def ghosts(plan: Plan, shown: int) -> list[int]:
     """Key frames to show beside one, evenly spread and the first among them."""
-    others = np.linspace(0, plan.course.frames - 1, GHOSTS + 1).round().astype(int).tolist()
+    others = np.linspace(0, plan.problem.frames - 1, GHOSTS + 1).round().astype(int).tolist()
     return sorted(set(others) - {shown})[:GHOSTS]
 
 

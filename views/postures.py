@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
@@ -50,7 +50,7 @@ class PostureView:
     """A posture problem, and a posture where there is one, as something to look at."""
 
     problem: Problem
-    posture: Posture | None
+    posture: Plan | None
 
     @property
     def patches(self) -> list[Patch]:
@@ -60,12 +60,12 @@ class PostureView:
     @property
     def com_m(self) -> Array:
         """Of the posture, else the nominal one, shape (3,)."""
-        return self.problem.com_nominal_m[0] if self.posture is None else self.posture.com_m
+        return np.asarray((self.problem.com_nominal_m if self.posture is None else self.posture.com_m)[0])
 
     @cached_property
     def rotation_rad(self) -> Array:
         """Θ, zero without a posture, shape (3,)."""
-        return np.zeros(3) if self.posture is None else self.posture.rotation_rad
+        return np.zeros(3) if self.posture is None else self.posture.rotation_rad[0]
 
     @cached_property
     def turn(self) -> Array:
@@ -184,12 +184,12 @@ class PostureView:
             ]
         )  # fmt: skip
 
-    def _forces(self, posture: Posture) -> Scene:
+    def _forces(self, posture: Plan) -> Scene:
         """Contact forces from the toes in cones as high as the normal force, and the weight."""
         scale, thickness = self.metres_a_newton, 0.016 * self.size_m
         bodies, arrows, labels = list[DrawnBody](), list[Arrow](), list[Label]()
         for k, contact in enumerate(self.problem.contacts):
-            patch, toe, force = contact.patch, posture.toes_m[k], posture.forces_n[k]
+            patch, toe, force = contact.patch, posture.toes_m[k], posture.forces_n[0, k]
             height = max(float(force @ patch.normal) * scale, 0.15 * self.size_m)
             height = min(height, self.size_m / max(patch.friction, 1e-9))
             bodies.append(cone_body(f"{contact.leg} cone", cone(patch.friction, patch.frame, height), toe))
@@ -240,7 +240,7 @@ class PostureView:
 @DEFAULT_STYLE
 def draw_posture(
     problem: Problem,
-    posture: Posture | None = None,
+    posture: Plan | None = None,
     *,
     envelope: Envelope | None = None,
     caption: str = "",
@@ -257,7 +257,8 @@ def draw_posture(
     """
     count = len(problem.contacts)
     if posture is not None:
-        for name, shape in (("com_m", (3,)), ("rotation_rad", (3,)), ("toes_m", (count, 3)), ("forces_n", (count, 3))):
+        shapes = {"com_m": (1, 3), "rotation_rad": (1, 3), "toes_m": (count, 3), "forces_n": (1, count, 3)}
+        for name, shape in shapes.items():
             read_only(getattr(posture, name), shape, f"posture: {name}")
     if envelope is not None and envelope.contacts != count:
         raise InvalidInput(f"envelope: expected {count} contacts, got {envelope.contacts}")
@@ -287,14 +288,14 @@ def _words(view: PostureView, caption: str, why: str) -> tuple[str, str]:
         return caption or f"{len(problem.contacts)} contacts, {weight}: no posture", why or unknown
     count = len(problem.contacts)
     limbs = f"{COUNT_WORDS[count] if count < len(COUNT_WORDS) else count} limb{'s' if count > 1 else ''}"
-    away_mm = 1e3 * float(np.linalg.norm(posture.com_m - problem.com_nominal_m[0]))
+    away_mm = 1e3 * float(np.linalg.norm(posture.com_m[0] - problem.com_nominal_m[0]))
     tilt_deg = np.rad2deg(np.linalg.norm(posture.rotation_rad))
     moved = f"centre of mass {away_mm:.0f} mm from nominal   ·   body turned by {tilt_deg:.1f}°"
     return caption or f"held by {limbs}, {weight}", f"{moved}   ·   grid {view.grid_m:g} m"
 
 
-def _point(problem: Problem, posture: Posture) -> Array:
+def _point(problem: Problem, posture: Plan) -> Array:
     """[p, f] of E2–E4, shape (N, 6)."""
     frames = np.array([contact.patch.frame for contact in problem.contacts])
-    forces = np.einsum("nji,nj->ni", frames, posture.forces_n) / float(problem.force_scale_n or 1.0)
+    forces = np.einsum("nji,nj->ni", frames, posture.forces_n[0]) / float(problem.force_scale_n or 1.0)
     return np.concatenate([(posture.toes_m - posture.com_m) / problem.length_scale_m, forces], axis=1)

@@ -48,11 +48,11 @@ patches = {"RF": ground(0.2, -0.3, 0.6), "RR": ground(-0.3, -0.3, 0.6), "LM": gr
 problem = problem_on(patches)
 outcome = stancekit.solve(problem)
 print(outcome.status.value, "in", outcome.effort.solves, "convex problems")
-print(stancekit.verify(problem, outcome.solution).message)
-print("forces [N]\n", outcome.solution.forces_n.round(1))
+print(stancekit.verify(outcome).message)
+print("forces [N]\n", outcome.solution.forces_n[0].round(1))
 
 # %%
-_ = stancekit.draw(problem, outcome.solution, caption="three limbs carry 10 kg", out="posture.png")
+_ = stancekit.draw(outcome.solution, caption="three limbs carry 10 kg", out="posture.png")
 
 # %%
 # And where there is none

@@ -20,6 +20,8 @@ from typing import Any
 import yaml
 from pydantic import TypeAdapter
 
+from stancekit.planners.files.codec import keys_of
+
 ROOT = Path(__file__).resolve().parents[2]
 MEANINGS = ROOT / "docs" / "reference" / "meanings.yaml"
 FOLDERS = ("planners", "runner", "views", "envs", "learners")
@@ -27,11 +29,17 @@ FOLDERS = ("planners", "runner", "views", "envs", "learners")
 
 @dataclass(frozen=True)
 class Section:
-    """A kind of file: its title, what is said of it, and the models of its keys as module:class."""
+    """A kind of file: its title, what is said of it, and its keys.
+
+    models: classes as module:class, of pydantic or what it reads. values: classes of which a file has the fields, as
+    ``planners.files.codec`` reads and writes them. whole: whether every key of them has to be there.
+    """
 
     title: str
     text: str
-    models: tuple[str, ...]
+    models: tuple[str, ...] = ()
+    values: tuple[str, ...] = ()
+    whole: bool = True
 
 
 SECTIONS = (
@@ -40,12 +48,12 @@ SECTIONS = (
     Section("Published scenes", "YAML with `surfaces`; see [scenes](../scenes.md).",
             ("planners.problem.scene_keys:SceneSpec",)),
     Section("Leaps", "`stancekit/leap/1`, YAML or JSON for `stancekit plan FILE`; see [leaps](../concepts/leaps.md).",
-            ("planners.problem.leap_json:LeapKeys", "planners.problem.leap_json:DrawnKeys",
-             "planners.problem.leap_classes:LeapClass")),
+            ("planners.problem.leap_classes:LeapClass",),
+            ("planners.problem.leap_json:_LeapKeys", "planners.problem.leap_json:_DrawKeys"), whole=False),
     Section("Robots", "YAML that names a URDF and corrects it; see [robots](../robots.md).",
             ("planners.robot.robot_file:RobotKeys",)),
     Section("Walkers", "YAML of a walking robot's numbers, without a URDF; see [gaits](../concepts/gaits.md).",
-            ("planners.robot.single_body:_Numbers",)),
+            values=("planners.robot.single_body:GaitRobot",)),
     Section("Actuators", "`stancekit/actuators/1`, YAML or JSON; see [on a robot](../running-on-a-robot.md).",
             ("planners.robot.actuators:Actuators",)),
     Section("Distributions of postures", "YAML for `sample`, `label` and the environments.",
@@ -63,10 +71,10 @@ SECTIONS = (
     Section("Walks of other programs", "YAML for `stancekit bench gait --against`; see [formats](../formats.md).",
             ("planners.gait.walk_table:WalkKeys",)),
     Section("Posture problems", "`stancekit/posture/1`, JSON; see [formats](../formats.md).",
-            ("planners.problem.posture_json:PostureJson",)),
+            values=("planners.problem.posture:_PostureKeys",)),
     Section("Courses laid out", "`stancekit/course/1`, JSON, as plans and proofs contain it; written by the program.",
-            ("planners.problem.course_json:_CourseJson",)),
-    Section("Envelopes", "`stancekit/envelope/1`, JSON.", ("planners.relaxation.envelope:_EnvelopeSetJson",)),
+            ("planners.robot.model_json:ModelJson",), ("planners.problem.problem:Problem",)),
+    Section("Envelopes", "`stancekit/envelope/1`, JSON.", values=("planners.relaxation.envelope:EnvelopeSet",)),
     Section("Data sets", "`header.json` of `stancekit/dataset/1` (postures) and of `stancekit/tries/1` (leaps), and "
             "`timing-N.json`; written by the program.",
             ("envs.data.ledger:Header", "envs.data.label_plan:LabelPlan", "envs.data.ledger:TryHeader",
@@ -130,8 +138,9 @@ def loaded(place: str) -> Any:
 def schemas(section: Section) -> dict[str, dict[str, Any]]:
     """By name, the JSON schema of every model of a section: those that are named, and those that they hold."""
     found: dict[str, dict[str, Any]] = {}
-    for place in section.models:
-        kind = loaded(place)
+    kinds = [loaded(place) for place in section.models]
+    kinds += [keys_of(loaded(place), whole=section.whole) for place in section.values]
+    for kind in kinds:
         schema = TypeAdapter(kind).json_schema()
         held = schema.pop("$defs", {})
         found[kind.__name__] = schema

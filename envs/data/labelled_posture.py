@@ -11,7 +11,7 @@ import numpy as np
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.problem import Problem
@@ -45,7 +45,7 @@ class LabelledPosture:
     problem: Problem
     status: Status
     trivial: bool = False
-    posture: Posture | None = None
+    posture: Plan | None = None
     point: Array | None = None
     certificate: Certificate | None = None
     lower_bound: float = 0.0
@@ -79,7 +79,7 @@ def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
     return LabelledPosture(
         problem=problem,
         status=Status(raw["label"]),
-        posture=Posture(**witness) if witness else None,
+        posture=Plan.of_posture(problem, **witness) if witness else None,
         point=None if raw["point"] is None else np.reshape(raw["point"], (-1, 6)),
         certificate=certificate,
         **{name: raw[name] for name in ("shard", "row", "sample", "trivial", "lower_bound", "solves", "nodes")},

@@ -29,7 +29,7 @@ from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.verify import check_certificate, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 from .executor import Executor, processes
 from .filling import Progress as Progress
@@ -168,7 +168,7 @@ def recheck(dataset: Dataset) -> RecheckReport:
     for index, row in enumerate(dataset.rows()):
         accepted = row.status is Status.UNDECIDED
         if row.status is Status.FEASIBLE and row.posture is not None and row.point is not None:
-            report = check_posture(row.problem, row.posture, tolerance=plan.tolerance)
+            report = check_plan(row.posture, tolerance=plan.tolerance)
             residuals.append(report.worst)
             off = float(np.abs(Scaled.of(row.problem).point(row.posture) - row.point).max())
             accepted = report.accepted and off < 1e-9

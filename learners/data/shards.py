@@ -22,7 +22,7 @@ from stancekit.envs.data.labelled_posture import LabelledPosture, table_of
 from stancekit.envs.data.ledger import Counts, Header, LabelPlan, Shard, Tally
 from stancekit.envs.distributions.postures import Distribution, distribution
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.errors import StancekitError
@@ -158,7 +158,7 @@ class _Labeller:
         return rows, kinds, [round(1e3 * outcome.effort.seconds, 3) for outcome in decided.outcomes]
 
     def _row(
-        self, sample: int, problem: Problem, outcome: Answer[Posture], point: Array | None
+        self, sample: int, problem: Problem, outcome: Answer[Plan], point: Array | None
     ) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
         status, certificate, bound = outcome.status, outcome.certificate, outcome.bound
@@ -172,7 +172,7 @@ class _Labeller:
 
     def _points(self, batch: PostureBatch, decided: Decided) -> dict[int, Array]:
         """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates nothing else."""
-        postures, outcomes = dict[int, Posture](), decided.outcomes
+        postures, outcomes = dict[int, Plan](), decided.outcomes
         if "feasible" in self._kinds:
             postures |= {k: outcome.solution for k, outcome in enumerate(outcomes) if outcome.solution is not None}
         if "infeasible" in self._kinds:
@@ -297,7 +297,7 @@ class ShardDraft:
         return Shard(table=rows, tally=tally, timing=timing)
 
 
-def _kind(outcome: Answer[Posture]) -> str:
+def _kind(outcome: Answer[Plan]) -> str:
     """The label, "trivial" set apart."""
     trivial = outcome.status is Status.INFEASIBLE and outcome.details["trivial"] > 0.0
     return "trivial" if trivial else str(outcome.status)

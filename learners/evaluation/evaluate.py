@@ -21,7 +21,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.answer import Acceptance, Claim
+from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
 
 from ..data.executor import Executor, gather, processes
@@ -252,7 +252,7 @@ def _lifted(
             if admits and scene.feasible:
                 point = project(programs, way, scaled, lift.rounded()[1])
                 if np.isfinite(point.residual):
-                    claim = Claim(found=scaled.posture(point))
+                    claim = Claim(found=plan_of(scene.problem, scaled, scaled.numbers, point))
                     outcome = acceptance.answer(scene.problem, claim, method=way, clock=Clock.start())
                     reached = outcome.status is Status.FEASIBLE
             info[_key(way)] = int(reached)

@@ -14,14 +14,13 @@ from ..problem.leap import Leap
 from .certificate import Certificate
 from .leap_plan import LeapPlan
 from .plan import Plan
-from .posture import Posture
 from .report import Report
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
 
-S = TypeVar("S", bound=Posture | Plan | LeapPlan | Trajectory, covariant=True)
+S = TypeVar("S", bound=Plan | LeapPlan | Trajectory, covariant=True)
 UNBOUNDED = 1e6
 """Stands in files for a lower bound of infinity: the problem has no answer even without its moment balance."""
 _OLD = {
@@ -154,7 +153,7 @@ class Answer(Generic[S]):
             "seconds": self.effort.compile_s + self.effort.seconds,
             "solves": self.effort.solves,
         }
-        if isinstance(self.solution, Posture):
+        if isinstance(self.solution, Plan) and self.solution.problem.is_posture:
             record |= self.solution.to_json()
         further = {"claim": self.claim, "message": self.message, "details": _finite(self.details)}
         record |= {name: value for name, value in further.items() if value}

@@ -20,7 +20,7 @@ WALK_BODY = ("joints", "joint_speed", "torque", "legs_moment", "bodies")
 
 def plan_hindrance(plan: Plan) -> str:
     """The reason why no runner executes a plan, whatever the world; empty where one may."""
-    course = plan.course
+    course = plan.problem
     if course.uncarried:
         return NOBODY_CARRIES
     if course.has_soles:

@@ -25,7 +25,6 @@ from .certificate import Certificate
 from .hindrance import plan_hindrance, walk_hindrance
 from .leap_plan import NUMBERS, LeapPlan
 from .plan import Plan
-from .posture import Posture
 from .trajectory import Trajectory
 
 GROUPS = {
@@ -62,7 +61,7 @@ OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
 ROUNDING = 1e-12
 """Non-dimensional violations of a plan below this are nobody's fault."""
-S = TypeVar("S", bound=Posture | Plan | LeapPlan | Trajectory | Certificate, covariant=True)
+S = TypeVar("S", bound=Plan | LeapPlan | Trajectory | Certificate, covariant=True)
 Verdict = Literal["holds", "violated", "not checked", "not asked for"]
 OLD_VERDICTS = {"holds": "checked", "violated": "failed"}
 """The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
@@ -225,7 +224,7 @@ class Report(Generic[S]):
     def checked(self) -> tuple[str, ...]:
         """The groups that were judged; those of contacts are one, "contacts", of a posture and of a plan."""
         judged = [group.name for group in self.groups if group.verdict in OLD_VERDICTS]
-        if isinstance(self.answer, Posture | Plan | LeapPlan):
+        if isinstance(self.answer, Plan | LeapPlan):
             return ("contacts", *(name for name in judged if name in WHOLE_BODY))
         return tuple(judged)
 
@@ -243,7 +242,7 @@ class Report(Generic[S]):
     def hindrance(self) -> str:
         """Why no runner executes the plan or the walk, whatever the world; empty where one may."""
         if isinstance(self.answer, Plan):
-            return plan_hindrance(self.answer)
+            return plan_hindrance(self.answer) if self._of_course else ""
         return walk_hindrance(self.answer, self.unchecked) if isinstance(self.answer, Trajectory) else ""
 
     @property
@@ -266,7 +265,7 @@ class Report(Generic[S]):
         margin = next((group for group in self.groups if group.name == MARGIN), None)
         if margin is None:
             return ""
-        at, weight_n = margin.figures, cast("Plan", self.answer).course.weight_n
+        at, weight_n = margin.figures, cast("Plan", self.answer).problem.weight_n
         return (
             f"every stance bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the weight, least at "
             f"frame {at['push_frame']}); the centre of mass is {1e3 * at['support_m']:.0f} mm inside (frame "
@@ -283,7 +282,7 @@ class Report(Generic[S]):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of question, answer, verdict and what was checked, as canonical JSON: what a runner asks for."""
-        if isinstance(self.answer, Plan):
+        if isinstance(self.answer, Plan) and self._of_course:
             return plan_digest(self.answer, self.tolerance, self.accepted, self.checked)
         if isinstance(self.answer, Trajectory):
             content = {"limits": dict(self.limits), "accepted": self.accepted, "defect": self.defect}
@@ -298,7 +297,7 @@ class Report(Generic[S]):
         of = {}
         if isinstance(self.subject, Problem) and self.subject.is_posture:
             of["problem"] = self.subject.to_json()
-        kind = "posture" if isinstance(self.answer, Posture) else "certificate"
+        kind = "posture" if isinstance(self.answer, Plan) else "certificate"
         return _digest({**of, kind: self.answer.to_json()}, self.tolerance, self.accepted)
 
     @property
@@ -314,7 +313,7 @@ class Report(Generic[S]):
 
     def _contacts_line(self) -> str:
         """The verdict on a posture or a plan, and its worst group."""
-        of_plan = isinstance(self.answer, Plan)
+        of_plan = self._of_course
         verdict = acceptance_word(self.unchecked) if self.accepted else "rejected"
         then = "; " if " as far as " in verdict else ": "
         if self.contacts and not self.accepted:
@@ -328,7 +327,7 @@ class Report(Generic[S]):
             return f"{verdict}: contacts hold, {words}"
         group = max(self._of_contacts, key=lambda g: g.worst)
         if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
-            balanced = of_plan and cast("Plan", self.answer).course.uncarried
+            balanced = of_plan and cast("Plan", self.answer).problem.uncarried
             return verdict + then + ("balanced in every frame" if balanced else "no constraint is violated")
         place = group.where
         if of_plan or isinstance(self.answer, LeapPlan):
@@ -354,15 +353,20 @@ class Report(Generic[S]):
         return f"rejected: {first.name}{where} {first.value:.3g}{unit}{when}, limit {first.limit:.3g}{unit}{also}"
 
     @property
+    def _of_course(self) -> bool:
+        """Whether a plan of key frames was judged, and not a posture."""
+        return isinstance(self.answer, Plan) and not self.answer.problem.is_posture
+
+    @property
     def _of_body(self) -> list[Group]:
         """The groups of a plan's whole body and of its margins."""
         names = (*WHOLE_BODY, MARGIN)
-        return [group for group in self.groups if group.name in names] if isinstance(self.answer, Plan) else []
+        return [group for group in self.groups if group.name in names] if self._of_course else []
 
     @property
     def _of_contacts(self) -> list[Group]:
         """All groups but those of a plan's whole body and of its margins."""
-        names = (*WHOLE_BODY, MARGIN) if isinstance(self.answer, Plan) else ()
+        names = (*WHOLE_BODY, MARGIN) if self._of_course else ()
         return [group for group in self.groups if group.name not in names]
 
     def to_json(self) -> dict[str, Any]:
@@ -455,7 +459,7 @@ def plan_digest(plan: Plan, tolerance: float, accepted: bool, checked: Sequence[
     """
     numbers = {name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()}
     more = {} if tuple(checked) == ("contacts",) else {"checked": list(checked)}
-    return _digest({"course": course_to_json(plan.course), "plan": numbers, **more}, tolerance, accepted)
+    return _digest({"course": course_to_json(plan.problem), "plan": numbers, **more}, tolerance, accepted)
 
 
 def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:
@@ -469,14 +473,15 @@ def _sha256(content: Mapping[str, Any]) -> str:
 
 
 def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan over a course has, by name."""
+    """The shape that each array of a plan over a problem has, by name; nobody works out joints of a posture."""
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.footholds), len(course.stances)
     soles: dict[str, tuple[int, ...]] = {}
     if course.has_soles:
         points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
         soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
-    joints = {} if course.has_soles else {"joints_rad": (frames, len(joint_names(course.robot)))}
+    legs = 0 if course.is_posture else len(joint_names(course.robot))
+    joints = {} if course.has_soles else {"joints_rad": (frames, legs)}
     return {
         "com_m": (frames, 3),
         "rotation_rad": (frames, 3),
@@ -491,7 +496,7 @@ def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
 
 def plan_arrays(plan: Plan) -> dict[str, NDArray[Any] | None]:
     """The numbers of a plan by name; modes may be None, and joints are there only where they were worked out."""
-    found = {name: getattr(plan, name) for name in plan_shapes(plan.course)}
+    found = {name: getattr(plan, name) for name in plan_shapes(plan.problem)}
     return {name: array for name, array in found.items() if array is not None or name != "joints_rad"}
 
 

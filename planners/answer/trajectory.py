@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..files.codec import from_json
 from ..files.comparison import first_difference
-from ..files.validation import shown, validation_errors
-from ..robot.model_json import ModelJson, model_from_json
+from ..files.validation import shown
 
 if TYPE_CHECKING:
     from ..robot.single_body import GaitRobot
@@ -117,7 +116,7 @@ class Trajectory:
     def header(self) -> dict[str, Any]:
         """What is not an array of samples or of the terrain, as JSON-ready values."""
         return {
-            "robot": robot_to_json(self.robot),
+            "robot": self.robot.to_json(),
             "terrain": self.terrain.name,
             "friction": self.friction,
             "adhesive": self.adhesive.tolist(),
@@ -154,34 +153,16 @@ class Trajectory:
         return content.hexdigest()
 
 
-def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
-    """A robot as JSON-ready values; ``robot_from_json`` gives it back to the last bit."""
-    feet = [{name: _plain(value) for name, value in vars(foot).items()} for foot in robot.feet]
-    numbers = {name: _plain(value) for name, value in vars(robot).items() if name != "model"} | {"feet": feet}
-    return numbers | robot.source.to_json()
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
 def robot_from_json(data: Any) -> GaitRobot:
-    """Read what ``robot_to_json`` wrote. Raises InvalidInput."""
-    from ..robot.single_body import Foot, GaitRobot
+    """Read the robot of a walk. Raises InvalidInput, also for one that is called as a built-in one and is another."""
+    from ..robot.single_body import GaitRobot
 
     try:
-        feet = tuple(Foot(**foot) for foot in data["feet"])
-        model = model_from_json(ModelJson.model_validate(data["model"]), data["name"]) if "model" in data else None
-        robot = GaitRobot(**{**data, "feet": feet, "model": model})
+        robot = from_json(GaitRobot, data)
         _check_built_in(robot)
-        return robot
-    except ValidationError as error:
-        wrong = "; ".join(f"model.{each}" for each in validation_errors(error, ModelJson))
-        raise InvalidInput(f"robot: {wrong}") from None
     except InvalidInput as error:
         raise InvalidInput(f"robot: {error}") from None
-    except (TypeError, KeyError, ValueError, AttributeError):
-        raise InvalidInput(f"robot: expected an object as `stancekit gait` writes it, got {shown(data)}") from None
+    return robot
 
 
 def _check_built_in(robot: GaitRobot) -> None:
@@ -189,8 +170,8 @@ def _check_built_in(robot: GaitRobot) -> None:
     from ..robot.walker import BUILT_IN
 
     if not robot.source.own and robot.name in BUILT_IN:
-        own = robot_to_json(replace(BUILT_IN[robot.name](), model=None))
-        if other := first_difference(robot_to_json(robot), own):
+        own = replace(BUILT_IN[robot.name](), model=None).to_json()
+        if other := first_difference(robot.to_json(), own):
             raise InvalidInput(f"expected the numbers of the built-in {robot.name}, got others: {other}")
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.posture import Posture
+from ..answer.plan import Plan
 from ..cached import cached_property
 from ..files.arrays import Array
-from ..problem import PostureBatch
+from ..problem import PostureBatch, Problem
 from .layout import Index
 from .scaled import Scaled, skew
 
@@ -81,16 +81,20 @@ class ScaledBatch:
         arms = np.matmul(skew(bearing), self.frames[:, self.like.layout.vertex_candidates[vertex]])
         return self.like.boxes_implied(self.friction), bearing, arms
 
-    def postures(self, points: PointBatch) -> list[Posture]:
-        """Give the points of these problems, one each, their units back."""
+    def plans(self, points: PointBatch, problems: Sequence[Problem]) -> list[Plan]:
+        """Give the points of these problems, one each, their units back. problems: in units."""
         forces = np.matmul(self.frames, points.forces[..., None])[..., 0] * self.like.force_n
         com, toes = points.com * self.like.length_m, points.toes * self.like.length_m
+        choice = self.like.numbers
         return [
-            Posture(com_m=com[k], rotation_rad=points.rotation[k], toes_m=toes[k], forces_n=forces[k])
-            for k in range(len(com))
-        ]
+            Plan(
+                problem=problem, com_m=com[None, k], rotation_rad=points.rotation[None, k], toes_m=toes[k],
+                choice=choice, forces_n=forces[None, k],
+            )
+            for k, problem in enumerate(problems)
+        ]  # fmt: skip
 
-    def pairs(self, postures: Sequence[Posture]) -> Array:
+    def pairs(self, postures: Sequence[Plan]) -> Array:
         """[p, f] of postures, one a problem: ``Scaled.point`` of each, shape (B, N, 6)."""
         shape = (len(postures), *self.friction.shape[1:], 3)
         com = np.array([posture.com_m for posture in postures]).reshape(-1, 1, 3)

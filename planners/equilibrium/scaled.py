@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.posture import Posture
+from ..answer.plan import Plan
 from ..cached import cached_property
 from ..files.arrays import Array
 from ..problem import Problem
@@ -247,17 +247,6 @@ class Scaled:
         """R_WC of every stance contact; one candidate a foothold; shape (B, 3, 3)."""
         return np.asarray(self.frames[self.layout.contacts[2]])
 
-    def posture(self, point: Point) -> Posture:
-        """Give a point of one frame its units back."""
-        forces, soles = self.forces_si(point)
-        return Posture(
-            com_m=point.com.reshape(3) * self.length_m,
-            rotation_rad=point.rotation.reshape(3),
-            toes_m=point.toes * self.length_m,
-            forces_n=forces[0],
-            **{name: part[0] if name == "point_forces_n" else part for name, part in soles.items()},
-        )
-
     def forces_si(self, point: Point) -> tuple[Array, dict[str, Array]]:
         """Forces of every limb in every stance, in the world, (S, N, 3) [N]; one candidate a foothold.
 
@@ -276,10 +265,10 @@ class Scaled:
         points = (point.toes[:, None] + self.offsets) * self.length_m
         return np.asarray(each.sum(axis=2)), {"points_m": points, "point_forces_n": each}
 
-    def point(self, posture: Posture) -> Array:
+    def point(self, posture: Plan) -> Array:
         """[p, f] of a posture, the columns p_x p_y p_z f_n f_y f_z: p in world axes, f in the frames; shape (N, 6)."""
         position = (posture.toes_m - posture.com_m) / self.length_m
-        forces = np.matmul(self.frames.transpose(0, 2, 1), posture.forces_n[..., None])[..., 0] / self.force_n
+        forces = np.matmul(self.frames.transpose(0, 2, 1), posture.forces_n[0, ..., None])[..., 0] / self.force_n
         return np.concatenate([position, forces], axis=1)
 
 

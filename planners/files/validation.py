@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
@@ -125,7 +126,8 @@ def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
         cause = item.get("ctx", {}).get("error")
         if isinstance(cause, InvalidInput):
-            yield f"{key}{': ' if str(cause).startswith('expected') else '.'}{cause}" if key else str(cause)
+            parts = _SAID.split(str(cause)) if key else [str(cause)]
+            yield "; ".join(_placed(key, part) for part in parts)
         elif item["type"] in ("missing", "missing_argument"):
             yield f"{key}: expected this key, got nothing"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
@@ -142,9 +144,20 @@ def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
             yield f"{key}: expected a list in brackets, got {shown(item['input'])}"
         else:
             wanted = item["msg"].replace("Input should be", "expected").partition(" or instance of ")[0]
-            yield f"{key}: {wanted}, got {shown(item['input'])}"
+            yield f"{key}: {wanted}, got {shown(item['input'])}".removeprefix(": ")
     if error.error_count() > MOST_ERRORS:
         yield f"and {error.error_count() - MOST_ERRORS} more"
+
+
+_SAID = re.compile(r"; (?=[a-z_]+[\w\[\].]*: expected)")
+"""Between things that a class says are wrong with its values."""
+
+
+def _placed(key: str, said: str) -> str:
+    """What is said of the value of a key, or of a key or an entry in it, or of a value by its name."""
+    if not key or said.startswith(f"{key} "):  # as in "robot go1: ..."
+        return said
+    return f"{key}{': ' if said.startswith('expected') else '' if said.startswith('[') else '.'}{said}"
 
 
 def _known(kind: Any, place: Sequence[int | str]) -> set[str]:

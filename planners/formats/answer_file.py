@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..answer.certificate import Certificate
-from ..answer.posture import Posture
+from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
 from ..files.documents import parse_json, read_json
 from ..files.writing import write_text
 from ..problem import Problem
 from ..relaxation.envelope import EnvelopeSet
-from ..relaxation.modes import FORMAT as MODES
 from ..relaxation.modes import Modes
 from ..robot import Robot
 
@@ -80,15 +79,18 @@ def read_modes(path: str | Path) -> Modes:
 def read_boxes(path: str | Path) -> EnvelopeSet | Modes:
     """Read an envelope file, or one of modes. Raises InvalidInput."""
     data = read_json(path)
-    return read_modes(path) if isinstance(data, dict) and data.get("format") == MODES else read_envelopes(path)
+    return read_modes(path) if isinstance(data, dict) and data.get("format") == Modes.FORMAT else read_envelopes(path)
 
 
-def answer_from_json(data: Any) -> Posture | Certificate | None:
-    """Read what a line of answers claims: a posture, a certificate, or nothing to check. Raises InvalidInput."""
+def answer_from_json(data: Any, problem: Problem) -> Plan | Certificate | None:
+    """Read what a line of answers claims of a posture problem: a plan, a certificate, or nothing to check.
+
+    Raises InvalidInput.
+    """
     if not isinstance(data, dict):
         raise InvalidInput(f"expected a JSON object, got {type(data).__name__}")
     if data.get("certificate") is not None:
-        return Certificate.from_json(data["certificate"])
+        return Certificate.from_json(data["certificate"]).of(problem)
     names: tuple[str, ...] = ("com_m", "rotation_rad", "toes_m", "forces_n")
     if not any(name in data for name in names):
         return None
@@ -97,9 +99,10 @@ def answer_from_json(data: Any) -> Posture | Certificate | None:
         raise InvalidInput(f"{missing[0]}: expected this key, got nothing")
     names += tuple(name for name in ("points_m", "point_forces_n") if name in data)
     try:
-        return Posture(**{name: plain_numbers(data[name]) for name in names})
+        arrays = {name: plain_numbers(data[name]) for name in names}
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
+    return Plan.of_posture(problem, **arrays)
 
 
 def write_boxes(path: str | Path, envelopes: EnvelopeSet | Modes) -> None:

@@ -79,10 +79,10 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
         "verified": report.accepted,
         "verdict": report.to_json(),
         "provenance": dict(plan.provenance),
-        "course": course_to_json(plan.course),
+        "course": course_to_json(plan.problem),
         "arrays": {
             "npz": embedded({name: array for name, array in plan_arrays(plan).items() if array is not None}),
-            **({} if plan.joints_rad is None else {"joints": list(joint_names(plan.course.robot))}),
+            **({} if plan.joints_rad is None else {"joints": list(joint_names(plan.problem.robot))}),
         },
     }
     try:
@@ -122,14 +122,14 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     _check_numbers(numbers_path, numbers, course)
     if "joints_rad" in numbers and header["arrays"].get("joints") != list(joint_names(course.robot)):
         raise InvalidInput(f"{header_path}: arrays.joints: expected the names of the robot's joints in its order")
-    plan = Plan(course=written, provenance=header["provenance"], **numbers)
+    plan = Plan(problem=written, provenance=header["provenance"], **numbers)
     verdict = header["verdict"]
     checked = verdict.get("checked", ["contacts"])
     if not isinstance(checked, list) or set(map(str, checked)) - {"contacts", *WHOLE_BODY}:
         raise InvalidInput(f"{header_path}: verdict.checked: expected contacts, {', '.join(WHOLE_BODY)} or fewer")
     if plan_digest(plan, verdict["tolerance"], verdict["accepted"], checked) != verdict["digest"]:
         raise InvalidInput(f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier saw")
-    return plan if course is written else replace(plan, course=course), header
+    return plan if course is written else replace(plan, problem=course), header
 
 
 def check_file(
@@ -147,14 +147,14 @@ def check_file(
     InvalidInput for a file that cannot be read, and for one of another robot or course.
     """
     plan, header = read_plan(path)
-    own = plan.course.robot.model
+    own = plan.problem.robot.model
     if robot is not None and (own is None or own.digest != robot.digest or own.disabled_pairs != robot.disabled_pairs):
         got = "legs or numbers of its own" if own is not None else "no legs in its file"
         raise InvalidInput(
-            f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.course.robot.name} "
+            f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.problem.robot.name} "
             f"with {got}"
         )
-    if course is not None and (other := course_difference(plan.course, course(plan.course.frames))):
+    if course is not None and (other := course_difference(plan.problem, course(plan.problem.frames))):
         raise InvalidInput(f"{path}: expected a plan of that course, got one of another: {other}")
     said = header["verdict"]
     report = check_plan(plan, tolerance=tolerance, joints=joints, margins=joints)

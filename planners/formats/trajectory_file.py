@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..answer.report import Report
-from ..answer.trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
+from ..answer.trajectory import SAMPLES, Trajectory, robot_from_json
 from ..errors import InvalidInput
 from ..files.archive import read_archive, unpacked
 from ..files.arrays import read_only
@@ -121,7 +121,7 @@ def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> Report[Tr
 
 
 def _difference(robot: GaitRobot, expected: GaitRobot) -> str:
-    said, asked = (robot_numbers(robot_to_json(each)) for each in (robot, expected))
+    said, asked = (robot_numbers(each.to_json()) for each in (robot, expected))
     return first_difference(said, asked)
 
 

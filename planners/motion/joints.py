@@ -144,7 +144,7 @@ def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) ->
 
 def key_postures(plan: Plan, angles: Array) -> WholeBody:
     """The postures of the key frames as they are drawn, rotations taken exactly; angles: shape (M, J) [rad]."""
-    robot, frames = plan.course.robot, range(len(angles))
+    robot, frames = plan.problem.robot, range(len(angles))
     turns = rotations_of(plan.rotation_rad)
     return WholeBody(
         rotation=turns, origin_m=plan.com_m - turns @ robot.origin_m, angles=angles,

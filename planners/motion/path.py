@@ -93,7 +93,7 @@ class PlanPath:
     """
 
     def __init__(self, plan: Plan, clearance_m: float = CLEARANCE_M, *, uncarried: bool = False) -> None:
-        self.plan, self._clearance_m, course = plan, clearance_m, plan.course
+        self.plan, self._clearance_m, course = plan, clearance_m, plan.problem
         self._names = course.robot.limb_names
         if course.uncarried and not uncarried:
             raise InvalidInput(
@@ -119,18 +119,18 @@ class PlanPath:
     @cached_property
     def steps(self) -> tuple[tuple[Segment, ...], ...]:
         """Of every key frame but the first: lift, across and down; across alone where no limb moves."""
-        return tuple(self._step(k) for k in range(1, self.plan.course.frames))
+        return tuple(self._step(k) for k in range(1, self.plan.problem.frames))
 
     def support(self, frame: int) -> tuple[int, ...]:
         """The limbs that carry while those of ``frame`` lift; after the last frame, while the next would."""
-        course = self.plan.course
+        course = self.plan.problem
         lifted = course.lifts[frame] if frame < course.frames else course.next_lift
         support = tuple(i for i, name in enumerate(self._names) if name not in lifted)
         return support or tuple(range(len(self._names)))
 
     def _step(self, k: int) -> tuple[Segment, ...]:
         old, new = self._holds[k - 1], self._holds[k]
-        moving = [self._names.index(name) for name in self.plan.course.lifts[k]]
+        moving = [self._names.index(name) for name in self.plan.problem.lifts[k]]
         corners = np.stack([self.feet_m[old]] * 4)
         for i in moving:
             swing = clear_swing(
@@ -148,7 +148,7 @@ class PlanPath:
 
     def swing(self, foothold: int, shares: Array) -> Array:
         """Where a toe is at shares of its way to a foothold, shape (K, 3) [m]: up, across and down."""
-        put = self.plan.course.footholds[foothold]
+        put = self.plan.problem.footholds[foothold]
         step, limb = self.steps[put.frame - 1], self._names.index(put.limb)
         ends = [(segment.feet_m[:, limb], self.normals[segment.surface[limb]]) for segment in step]
         feet = [feet[end] for feet, _ in ends for end in (0, 1)]

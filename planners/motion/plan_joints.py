@@ -26,7 +26,7 @@ def plan_angles(
     is out of reach, those that bring it nearest. The torques are those of the mean force of the frame's stances.
     Raises InvalidInput without pinocchio, and TimeEnded after the deadline (``time.perf_counter()``).
     """
-    course = plan.course
+    course = plan.problem
     solver = kinematics or Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     solids = [Solid.behind(patch) for patch in course.terrain]
     found = list[JointAnswer]()
@@ -44,4 +44,4 @@ def plan_angles(
 
 def normals_at(plan: Plan, frame: int) -> Array:
     """Of the patches under all limbs at a key frame, shape (N, 3)."""
-    return np.array([plan.course.patch(int(p), plan.choice).normal for p in plan.course.holds[frame]])
+    return np.array([plan.problem.patch(int(p), plan.choice).normal for p in plan.problem.holds[frame]])

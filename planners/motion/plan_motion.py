@@ -85,7 +85,7 @@ class PlanMotion:
         self.path = PlanPath(plan, timing.clearance_m, uncarried=uncarried)
         self.forces_n, self.longer = plan.forces_n if forces_n is None else forces_n, longer
         self.standing_n = standing_n or {}
-        course = plan.course
+        course = plan.problem
         self.solids, self.normals = self.path.solids, self.path.normals
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
         self._friction = np.array([patch.friction for patch in patches])
@@ -93,7 +93,7 @@ class PlanMotion:
     @property
     def last_frame(self) -> float:
         """The last key frame."""
-        return self.plan.course.frames - 1
+        return self.plan.problem.frames - 1
 
     @property
     def goal_m(self) -> Array:
@@ -103,17 +103,17 @@ class PlanMotion:
     @property
     def stances(self) -> Sequence[str]:
         """Of every foothold."""
-        return [f"{each.limb}, put down at frame {each.frame}," for each in self.plan.course.footholds]
+        return [f"{each.limb}, put down at frame {each.frame}," for each in self.plan.problem.footholds]
 
     def entry(self) -> dict[str, Any]:
         """The key frames, for a log."""
         plan = self.plan
-        return {"com_m": plan.com_m, "toes_m": plan.toes_m, "holds": plan.course.holds}
+        return {"com_m": plan.com_m, "toes_m": plan.toes_m, "holds": plan.problem.holds}
 
     @cached_property
     def phases(self) -> tuple[_Phase, ...]:
         """All phases in order."""
-        course, timing = self.plan.course, self.timing
+        course, timing = self.plan.problem, self.timing
         found, carried = [], self._support_forces(0, 1)
         found.append(self._still(0, timing.settle_s, self.standing_n.get(0, carried), carried))
         for k in range(1, course.frames):
@@ -164,8 +164,8 @@ class PlanMotion:
         Angles are the plan's, the body is where legs that weigh nothing have it.
         """
         plan = self.plan
-        holds = plan.course.holds[frame]
-        origin = plan.com_m[frame] - rotation_of(plan.rotation_rad[frame]) @ plan.course.robot.origin_m
+        holds = plan.problem.holds[frame]
+        origin = plan.com_m[frame] - rotation_of(plan.rotation_rad[frame]) @ plan.problem.robot.origin_m
         return Samples(
             com_m=plan.com_m[frame],
             velocity_m_s=np.zeros(3),
@@ -208,7 +208,7 @@ class PlanMotion:
     @cached_property
     def reached_s(self) -> Array:
         """When each key frame is reached, shape (M,) [s]."""
-        steps = [self.step_s(frame)[1] for frame in range(1, self.plan.course.frames)]
+        steps = [self.step_s(frame)[1] for frame in range(1, self.plan.problem.frames)]
         return np.array([0.0, *steps])
 
     def _passed(self, times_s: float | Array) -> tuple[NDArray[np.int_], Array, Array]:
@@ -273,6 +273,6 @@ class PlanMotion:
         """Forces at a frame of those that carry during the step to key frame ``step``; where all of them do, those with
         which all stand, or else the mean of what the plan has there."""
         support = self.path.support(step)
-        if len(support) == len(self.plan.course.robot.limbs) and frame in self.standing_n:
+        if len(support) == len(self.plan.problem.robot.limbs) and frame in self.standing_n:
             return self.standing_n[frame]
         return support_forces(self.plan, self.forces_n, frame, support)

@@ -33,7 +33,7 @@ def path_torques(plan: Plan, solver: Kinematics) -> Array:
 def support_forces(plan: Plan, forces_n: Array, frame: int, support: tuple[int, ...]) -> Array:
     """Forces at a frame with these limbs only, shape (N, 3) [N]; where none are for them, as where all stand, the mean
     of what there is. forces_n: of the plan's stances, shape (S, N, 3)."""
-    course = plan.course
+    course = plan.problem
     at = [i for i, stance in enumerate(course.stances) if stance.frame == frame]
     rows = [i for i in at if tuple(course.stances[i].limbs) == support] or at
     return np.asarray(forces_n[rows].mean(axis=0))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_members, checked_name, collect_errors, read_only
+from ..files.codec import INLINE, LATER, fields_to_json
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from ..terrain.sole import checked_sole, sole_offsets, sole_region
@@ -46,12 +48,12 @@ class Contact:
     leg: str
     shoulder_m: Array
     reach_m: float
-    patch: Patch
+    patch: Patch = field(metadata=INLINE)
     force_min: Array
     force_max: Array
-    reach_rows: ReachRows | None = None
-    sole_m: Array | None = None
-    yaw_rad: float = 0.0
+    reach_rows: ReachRows | None = field(default=None, metadata=LATER)
+    sole_m: Array | None = field(default=None, metadata=LATER)
+    yaw_rad: float = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -71,14 +73,15 @@ class Contact:
         if self.sole_m is not None:
             put(self, "sole_m", checked_sole(self.sole_m, "sole_m"))
 
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready values; the yaw is a sole's alone."""
+        own = fields_to_json(self, ("yaw_rad",))
+        return own if self.sole_m is None else own | {"yaw_rad": self.yaw_rad}
+
     @cached_property
     def offsets_m(self) -> Array:
         """From the toe to the points that bear forces: its own place, or a sole's points, shape (K, 3) [m]."""
-        return (
-            np.zeros((1, 3))
-            if self.sole_m is None
-            else sole_offsets(self.sole_m, self.patch, self.yaw_rad)
-        )
+        return np.zeros((1, 3)) if self.sole_m is None else sole_offsets(self.sole_m, self.patch, self.yaw_rad)
 
     @property
     def region(self) -> Patch:

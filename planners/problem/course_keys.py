@@ -12,9 +12,10 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, PrivateAttr, T
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
-from ..robot.drawn_keys import DrawnLegsKeys
+from ..files.codec import KEYS
 from ..robot.model import Limb, Robot, hexapod
 from ..robot.reach import ReachRows
+from ..robot.servo import Servo
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
 from .problem import MOST_FRAMES, StepLimits
@@ -51,40 +52,19 @@ class _Keys(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
-class ReachRowsSpec(_Keys):
-    """A limb's workspace as half-spaces, see ``ReachRows``."""
-
-    normals: list[Point]
-    bounds_m: list[Length]
-
-    @model_validator(mode="after")
-    def _agree(self) -> ReachRowsSpec:
-        try:
-            self.rows()
-        except InvalidInput as error:
-            raise InvalidInput(str(error).removeprefix("reach_rows.")) from None
-        return self
-
-    def rows(self) -> ReachRows:
-        """The same as a limb wants it. Raises InvalidInput."""
-        return ReachRows(normals=np.array(self.normals).reshape(-1, 3), bounds_m=np.array(self.bounds_m))
-
-
 class LimbSpec(_Keys):
     """One limb of a robot that the file brings with it."""
 
     shoulder_m: Point
     reach_m: Positive
-    reach_rows: ReachRowsSpec | None = None
+    reach_rows: Annotated[ReachRows, KEYS] | None = None
     sole_m: SolePoints | None = None
 
     def make(self, name: str) -> Limb:
         """The limb of this name."""
         sole = None if self.sole_m is None else np.array(self.sole_m)
-        rows = None if self.reach_rows is None else self.reach_rows.rows()
-        return Limb(
-            name=name, shoulder_m=np.array(self.shoulder_m), reach_m=self.reach_m, reach_rows=rows, sole_m=sole
-        )  # fmt: skip
+        shoulder = np.array(self.shoulder_m)
+        return Limb(name=name, shoulder_m=shoulder, reach_m=self.reach_m, reach_rows=self.reach_rows, sole_m=sole)
 
 
 class RobotSpec(_Keys):
@@ -96,14 +76,13 @@ class RobotSpec(_Keys):
     name: str = "robot"
     mass_kg: Positive
     limbs: Annotated[dict[str, LimbSpec], Field(min_length=1)]
-    legs: DrawnLegsKeys | None = None
+    legs: Annotated[Servo, KEYS] | None = None
 
     @field_validator("legs", mode="before")
     @classmethod
     def _are_asked_for(cls, legs: Any) -> Any:
         """The key alone, which YAML reads as null, asks for legs as they usually are."""
         return {} if legs is None else legs
-
 
     @model_validator(mode="after")
     def _agree(self) -> RobotSpec:
@@ -119,8 +98,7 @@ class RobotSpec(_Keys):
     def make(self) -> Robot:
         """The robot."""
         limbs = tuple(limb.make(name) for name, limb in self.limbs.items())
-        drawn = None if self.legs is None else self.legs.servo()
-        return Robot(name=self.name, mass_kg=self.mass_kg, limbs=limbs, drawn=drawn)
+        return Robot(name=self.name, mass_kg=self.mass_kg, limbs=limbs, drawn=self.legs)
 
 
 class StanceSpec(_Keys):
@@ -192,28 +170,6 @@ class CandidateSpec(_Keys):
         return MOST_EVERYWHERE if self.everywhere else self.count
 
 
-class StepSpec(_Keys):
-    """Largest steps between key frames, see ``StepLimits``."""
-
-    com_m: Positive = 0.15
-    toe_m: Positive = 0.30
-    rotation_rad: Least = 0.15
-    progress_m: Least = 0.0
-    yaw_rad: Least | None = None
-
-    @model_validator(mode="after")
-    def _agree(self) -> StepSpec:
-        try:
-            self.limits()
-        except InvalidInput as error:
-            raise InvalidInput(str(error).removeprefix("steps.")) from None
-        return self
-
-    def limits(self) -> StepLimits:
-        """The same as the course wants it. Raises InvalidInput where the limits contradict each other."""
-        return StepLimits(**self.model_dump())
-
-
 class WeightSpec(_Keys):
     """Of the objective, see ``Weights``."""
 
@@ -261,7 +217,7 @@ class CourseSpec(_Keys):
     stride_m: Positive | None = None
     stance: StanceSpec = StanceSpec()
     body: BodySpec = BodySpec()
-    steps: StepSpec = StepSpec()
+    steps: Annotated[StepLimits, KEYS] = StepLimits()
     weights: WeightSpec = WeightSpec()
     candidates: CandidateSpec = CandidateSpec()
     push_n: Least = 0.0

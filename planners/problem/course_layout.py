@@ -67,7 +67,7 @@ def build_course(
     return Problem(
         name=spec.name, robot=robot, terrain=terrain.patches, footholds=footholds, lifts=lifts,
         next_lift=turns[(spec.frames - 1) % len(turns)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
-        steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),
+        steps=spec.steps, weights=Weights(**spec.weights.model_dump()),
         tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames), push_n=spec.push_n,
         standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None, wrench=_wrench(spec),
     )  # fmt: skip

@@ -2,40 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import Field, PrivateAttr, ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..files.codec import KEYS
 from ..files.validation import validation_errors
 from ..terrain.foothold_search import read_footholds
-from ..terrain.footholds import (
-    CLEARANCE_M,
-    FOOT_M,
-    ROUGHNESS_M,
-    SLOPE_RAD,
-    FootholdLimits,
-    Footholds,
-)
+from ..terrain.footholds import FootholdLimits, Footholds
 from ..terrain.import_options import MOST_TRIANGLES, ImportOptions
 from ..terrain.terrain import Terrain
 from .terrain_spec import MOST_PATCHES, Length, Point, Positive, TerrainSpec
-
-
-class FootholdKeys(BaseModel):
-    """What counts as a foothold on a file's terrain, see ``FootholdLimits``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
-    slope_rad: Annotated[float, Field(ge=0.0, le=np.pi)] = SLOPE_RAD
-    clearance_m: Annotated[float, Field(ge=0.0, le=10.0)] = CLEARANCE_M
-    margin_m: Annotated[float, Field(ge=0.0, le=10.0)] = FOOT_M
-    width_m: Annotated[float, Field(ge=0.0, le=10.0)] = FOOT_M
-    roughness_m: Annotated[float, Field(gt=0.0, le=1.0)] = ROUGHNESS_M
-    noise_m: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
 
 
 class FileTerrain(TerrainSpec):
@@ -55,7 +35,7 @@ class FileTerrain(TerrainSpec):
     height_m: tuple[Length, Length] | None = None
     holes: Literal["no-go", "fill"] = "no-go"
     most_triangles: Annotated[int, Field(ge=1)] = MOST_TRIANGLES
-    footholds: FootholdKeys = FootholdKeys()
+    footholds: Annotated[FootholdLimits, KEYS] = FootholdLimits()
     _found: Footholds | None = PrivateAttr(None)
 
     @classmethod
@@ -73,7 +53,7 @@ class FileTerrain(TerrainSpec):
             made = cls(
                 file=footholds.name,
                 friction=footholds.pieces[0].patch.friction,
-                footholds=FootholdKeys(**asdict(footholds.limits)),
+                footholds=footholds.limits,
             )
         except ValidationError as error:
             raise InvalidInput(f"{footholds.name}: {'; '.join(validation_errors(error, cls))}") from None
@@ -94,7 +74,7 @@ class FileTerrain(TerrainSpec):
         keys = ("unit_m", "up", "offset_m", "crop_m", "spacing_m", "height_m", "holes", "most_triangles")
         kind = None if self.kind == "file" else self.kind
         options = ImportOptions(kind=kind, **{key: getattr(self, key) for key in keys})
-        return self._counted(read_footholds(folder / self.file, options, FootholdLimits(**self.footholds.model_dump())))
+        return self._counted(read_footholds(folder / self.file, options, self.footholds))
 
     def _counted(self, found: Footholds) -> Footholds:
         """The same footholds. Raises InvalidInput for too many."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
+from ..files.codec import LATER
 from ..terrain.patch import Patch
 
 
@@ -23,11 +24,11 @@ class Foothold:
 
     limb: str
     frame: int
-    candidates: tuple[Patch, ...]
     toe_m: Array | None = None
-    yaws_rad: tuple[float, ...] = ()
-    force_min: Array | None = None
-    force_max: Array | None = None
+    candidates: tuple[Patch, ...]
+    yaws_rad: tuple[float, ...] = field(default=(), metadata=LATER)
+    force_min: Array | None = field(default=None, metadata=LATER)
+    force_max: Array | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         where = f"frame {self.frame}, limb {self.limb}"

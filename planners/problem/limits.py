@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, check_numbers
+from ..files.arrays import Array
+from ..files.codec import LATER, Within, check_limits
 
 LINEAR: Mapping[str, tuple[str, str, tuple[tuple[float, ...], ...]]] = MappingProxyType(
     {"yaw_rad": ("yaw_step", "rad", ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)))}
@@ -17,6 +19,9 @@ LINEAR: Mapping[str, tuple[str, str, tuple[tuple[float, ...], ...]]] = MappingPr
 """Further limits of a step of the body, by the field of ``StepLimits`` that has the limit, None where there is none: a
 name for reports, the unit, and slopes a of (c′ − c, Θ′ − Θ), each of six numbers, with a·step ≤ limit. Planners, their
 reference, the verifier, proofs and explanations read them here."""
+
+
+NotNegative = Annotated[float, Within(least=0.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,18 +33,17 @@ class StepLimits:
     yaw_rad: largest turn about the vertical, |Θ_z' − Θ_z|; None for no such limit.
     """
 
-    com_m: float = 0.15
-    toe_m: float = 0.30
-    rotation_rad: float = 0.15
-    progress_m: float = 0.0
-    yaw_rad: float | None = None
+    com_m: Annotated[float, Within(above=0.0)] = 0.15
+    toe_m: Annotated[float, Within(above=0.0)] = 0.30
+    rotation_rad: NotNegative = 0.15
+    progress_m: NotNegative = 0.0
+    yaw_rad: NotNegative | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
-        check_numbers(self, "steps.", above=("com_m", "toe_m"), least=("rotation_rad", "progress_m", *LINEAR))
+        check_limits(self)
         if self.progress_m > self.com_m:
             raise InvalidInput(
-                f"steps.progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, "
-                f"got {self.progress_m:g}"
+                f"progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, got {self.progress_m:g}"
             )
 
     @property
@@ -66,12 +70,12 @@ class Weights:
     The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
     """
 
-    goal: float = 1.0
-    com_path: float = 0.0
-    com_step: float = 0.2
-    toe_step: float = 0.05
-    tilt: float = 0.05
-    stance: float = 0.0
+    goal: NotNegative = 1.0
+    com_path: NotNegative = field(default=0.0, metadata=LATER)
+    com_step: NotNegative = 0.2
+    toe_step: NotNegative = 0.05
+    tilt: NotNegative = 0.05
+    stance: NotNegative = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
-        check_numbers(self, "weights.", least=self.__annotations__)
+        check_limits(self)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 
-from ..errors import InvalidInput
-from ..files.arrays import checked, collect_errors, read_only
-from ..files.validation import validated
+from ..files.arrays import Array, checked, checked_choice, collect_errors, read_only
+from ..files.codec import LATER, Within, fields_to_json, from_json
 from ..robot.model import Robot, hexapod
-from ..robot.reach import ReachRows
-from ..terrain.patch import Patch
 from .contact import Contact
-from .posture_json import ContactJson, PostureJson
 from .wrench import checked_wrench
 
 if TYPE_CHECKING:
@@ -32,36 +30,38 @@ BODY = (
 """The numbers of a posture problem beside its contacts."""
 
 
+Positive = Annotated[float, Within(above=0.0)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _PostureKeys:
+    """The keys of a posture problem, see ``Problem.posture``."""
+
+    FORMAT: ClassVar = FORMAT
+
+    mass_kg: Positive
+    gravity_m_s2: Positive
+    force_scale_n: Positive
+    length_scale_m: Positive
+    com_nominal_m: Array
+    com_radius_m: Annotated[float, Within(least=0.0)]
+    tilt_limit_rad: Annotated[float, Within(least=0.0, most=0.5 * np.pi)]
+    robot: str = field(default="", metadata=LATER)
+    wrench: Array | None = field(default=None, metadata=LATER)
+    contacts: tuple[Contact, ...]
+
+
 def posture_to_json(problem: Problem) -> dict[str, Any]:
     """The JSON form of a problem of one frame; ``posture_from_json`` gives it back to the last bit."""
-    return {
-        "format": FORMAT,
-        "mass_kg": problem.mass_kg,
-        "gravity_m_s2": problem.gravity_m_s2,
-        "force_scale_n": problem.force_scale_n,
-        "length_scale_m": problem.length_scale_m,
-        "com_nominal_m": problem.com_nominal_m[0].tolist(),
-        "com_radius_m": float(problem.com_radius_m[0]),
-        "tilt_limit_rad": problem.tilt_limit_rad,
-        **({"robot": problem.robot.identity} if problem.robot.identity else {}),
-        **({} if problem.wrench is None else {"wrench": problem.wrench[0].tolist()}),
-        "contacts": [
-            {
-                "leg": contact.leg,
-                "shoulder_m": contact.shoulder_m.tolist(),
-                "reach_m": contact.reach_m,
-                "vertices_m": contact.patch.vertices_m.tolist(),
-                "normal": contact.patch.normal.tolist(),
-                "shear_reference": contact.patch.shear_reference.tolist(),
-                "friction": contact.patch.friction,
-                "force_min": contact.force_min.tolist(),
-                "force_max": contact.force_max.tolist(),
-                **({} if contact.reach_rows is None else {"reach_rows": contact.reach_rows.to_json()}),
-                **_sole_to_json(contact),
-            }
-            for contact in problem.contacts
-        ],
-    }
+    keys = _PostureKeys(
+        com_nominal_m=problem.com_nominal_m[0],
+        com_radius_m=float(problem.com_radius_m[0]),
+        robot=problem.robot.identity,
+        wrench=None if problem.wrench is None else problem.wrench[0],
+        contacts=problem.contacts,
+        **{name: getattr(problem, name) for name in BODY if not name.startswith("com_")},
+    )
+    return fields_to_json(keys)
 
 
 def posture_from_json(data: Mapping[str, Any], *, robot: Robot | None = None) -> Problem:
@@ -71,16 +71,16 @@ def posture_from_json(data: Mapping[str, Any], *, robot: Robot | None = None) ->
     """
     from .problem import Problem
 
-    if not isinstance(data, Mapping):
-        raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
-    raw = validated(PostureJson, data)
-    known, contacts = robot or (None if raw.robot else hexapod()), list[Contact]()
-    body = raw.model_dump(exclude={"format", "robot", "contacts"})
-    collect_errors(
-        *(lambda i=i, item=item: contacts.append(_contact(item, i, known)) for i, item in enumerate(raw.contacts)),
-        lambda: checked_body(**body),
-    )
-    return Problem.posture(tuple(contacts), robot=raw.robot, **body)
+    keys = from_json(_PostureKeys, data)
+    known = robot or (None if keys.robot else hexapod())
+    if known is not None:
+        collect_errors(
+            *(
+                partial(checked_choice, contact.leg, f"contacts[{index}].leg", known.limb_names)
+                for index, contact in enumerate(keys.contacts)
+            )
+        )
+    return Problem.posture(**vars(keys))
 
 
 def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
@@ -105,45 +105,6 @@ def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
         weight_n = found["mass_kg"] * found["gravity_m_s2"]
         found["wrench"] = checked_wrench(wrench, (6,), weight_n=weight_n, length_m=found["length_scale_m"])[None]
     return found
-
-
-def _sole_to_json(contact: Contact) -> dict[str, Any]:
-    return {} if contact.sole_m is None else {"sole_m": contact.sole_m.tolist(), "yaw_rad": contact.yaw_rad}
-
-
-ANY_PATCH = Patch(
-    vertices_m=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), normal=np.array([0.0, 0.0, 1.0]),
-    shear_reference=np.array([1.0, 0.0, 0.0]), friction=0.0,
-)  # fmt: skip
-"""The patch of a contact whose own is broken, while its other numbers are judged."""
-
-
-def _contact(item: ContactJson, index: int, robot: Robot | None) -> Contact:
-    """One contact of the JSON form; robot: whose limb it is, where that is known.
-
-    Raises InvalidInput with everything that is wrong with it.
-    """
-    surface = item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"})
-    rest: dict[str, Any] = item.model_dump(exclude={*surface, "reach_rows"})
-    patches = list[Patch]()
-    wrong = []
-
-    def bounded() -> None:
-        rest["reach_rows"] = None if item.reach_rows is None else ReachRows(**item.reach_rows.model_dump())
-
-    for check in (
-        lambda: robot and robot.select([item.leg]),
-        bounded,
-        lambda: patches.append(Patch(**surface)),
-        lambda: Contact(patch=(patches or [ANY_PATCH])[0], **rest),  # the limb's own numbers, whatever the patch
-    ):
-        try:
-            check()
-        except InvalidInput as error:
-            wrong += str(error).split("; ")
-    if wrong:
-        raise InvalidInput("; ".join(f"contacts[{index}].{text}" for text in wrong))
-    return Contact(patch=patches[0], **rest)
 
 
 class Sampler(Protocol):

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_int, checked_members, collect_errors, locked, read_only
+from ..files.codec import LATER
 from ..files.validation import shown
 from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot
@@ -74,7 +75,7 @@ class Problem:
         Paper E §II and §IV-B, E1-E11.
     Example:
         >>> import stancekit
-        >>> course = stancekit.plan("walls", frames=4).solution.course
+        >>> course = stancekit.plan("walls", frames=4).solution.problem
         >>> course.frames, len(course.stances), course.robot.name
         (4, 7, 'hexapod')
         >>> problem = stancekit.sample("wall-3", rng=0)[0]
@@ -84,27 +85,29 @@ class Problem:
         True
     """
 
+    FORMAT: ClassVar = "stancekit/course/1"
+
     name: str
     robot: Robot
     terrain: tuple[Patch, ...]
-    footholds: tuple[Foothold, ...]
+    footholds: tuple[Foothold, ...] = field(metadata={"key": "placements"})
     lifts: tuple[tuple[str, ...], ...]
     next_lift: tuple[str, ...] = ()
     com_nominal_m: Array
     com_radius_m: Array
     goal_m: Array
-    steps: StepLimits = field(default_factory=StepLimits)
-    weights: Weights | None = field(default_factory=Weights)
+    force_min: Array = field(default_factory=lambda: np.array([0.0, -1.0, -1.0]))
+    force_max: Array = field(default_factory=lambda: np.ones(3))
     tilt_limit_rad: float = TILT_LIMIT_RAD
     gravity_m_s2: float = GRAVITY_M_S2
     length_scale_m: float = 0.6
-    force_scale_n: float | None = None
-    force_min: Array = field(default_factory=lambda: np.array([0.0, -1.0, -1.0]))
-    force_max: Array = field(default_factory=lambda: np.ones(3))
+    force_scale_n: float | None = field(default=None, metadata=LATER)
+    steps: StepLimits = field(default_factory=StepLimits)
+    weights: Weights | None = field(default_factory=Weights)
+    standing_m: Array | None = field(default=None, metadata=LATER)
+    push_n: float = field(default=0.0, metadata=LATER)
+    wrench: Array | None = field(default=None, metadata=LATER)
     modes: tuple[int, ...] | None = None
-    push_n: float = 0.0
-    standing_m: Array | None = None
-    wrench: Array | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__

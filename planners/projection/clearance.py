@@ -79,7 +79,7 @@ class PathClearance:
 
     def __init__(self, plan: Plan, solver: Kinematics, deadline: float = math.inf) -> None:
         self._solver, self._deadline = solver, deadline
-        self._bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
+        self._bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
 
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
         """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is
@@ -164,10 +164,10 @@ def _with_keys(path: PlanPath, moments: PathMoments, postures: PathPostures) -> 
     """And the key frames as they are drawn, behind them."""
     plan = path.plan
     assert plan.joints_rad is not None
-    keys = path.at([(path.standing(k), np.ones(1)) for k in range(plan.course.frames)])
+    keys = path.at([(path.standing(k), np.ones(1)) for k in range(plan.problem.frames)])
     turns = rotations_of(keys.rotation_rad)
     drawn = PathPostures(
-        rotations=turns, origins_m=keys.com_m - turns @ plan.course.robot.origin_m, angles=plan.joints_rad,
+        rotations=turns, origins_m=keys.com_m - turns @ plan.problem.robot.origin_m, angles=plan.joints_rad,
         error_m=np.zeros(keys.foothold.shape),
     )  # fmt: skip
     return _joined(moments, keys), _joined(postures, drawn)
@@ -190,7 +190,7 @@ class _Slopes:
         self._shares = np.stack([1.0 - moments.share, moments.share], axis=1)
         self._frames = np.stack([moments.before, moments.after], axis=1)
         self._turns = turning(moments.rotation_rad)
-        self._sizes = [plan.com_m.size, plan.rotation_rad.size, plan.course.frames * len(solver.joints)]
+        self._sizes = [plan.com_m.size, plan.rotation_rad.size, plan.problem.frames * len(solver.joints)]
         self._width = sum(self._sizes) + plan.toes_m.size
         self._rows, self._columns, self._values = list[Index](), list[Index](), list[Array]()
 
@@ -257,7 +257,7 @@ class _Slopes:
 
     def _toes(self, leg: int, rows: Index, times: Index, held: Array) -> None:
         """A foot goes with the toe that it stands on, leaves or comes to."""
-        moments, holds = self._moments, np.asarray(self._path.path.plan.course.holds)
+        moments, holds = self._moments, np.asarray(self._path.path.plan.problem.holds)
         step, part, passed = moments.step[times], moments.part[times], moments.passed[times]
         old = holds[np.maximum(step - 1, 0), leg]
         new = np.where(moments.foothold[times, leg] >= 0, moments.foothold[times, leg], holds[step, leg])

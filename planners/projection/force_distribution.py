@@ -106,7 +106,7 @@ class ForceDistribution:
 
         reserves, least: as ``forces``.
         """
-        course, of = plan.course, plan.course.stances[stance]
+        course, of = plan.problem, plan.problem.stances[stance]
         patches = [course.patch(int(index), plan.choice) for index in course.holds[of.frame]]
         bears = np.isin(np.arange(self._contacts), of.limbs)
         arms_m, wrench = plan.toes_at(of.frame) - plan.com_m[of.frame], wrench_at(course, of.frame)
@@ -167,13 +167,13 @@ def distribute_forces(plan: Plan, kinematics: Kinematics | None = None) -> Array
     kinematics: of its robot; where the plan has joint angles its own forces are kept, too, in stances in which others
     would take more of a joint than the plan does anywhere, and more than ``EASY`` of what the joint has.
     """
-    distribution = ForceDistribution(len(plan.course.robot.limbs))
-    found = [distribution.solve(plan, index) for index in range(len(plan.course.stances))]
+    distribution = ForceDistribution(len(plan.problem.robot.limbs))
+    found = [distribution.solve(plan, index) for index in range(len(plan.problem.stances))]
     forces = np.array([plan.forces_n[i] if forces is None else forces for i, forces in enumerate(found)])
     if kinematics is None or plan.joints_rad is None:
         return forces
     own, other = (np.array([
-        _largest(plan, kinematics, of.frame, each) for of, each in zip(plan.course.stances, those, strict=True)
+        _largest(plan, kinematics, of.frame, each) for of, each in zip(plan.problem.stances, those, strict=True)
     ]) for those in (plan.forces_n, forces))  # fmt: skip
     return np.where((other > max(EASY, own.max()))[:, None, None], plan.forces_n, forces)
 
@@ -185,7 +185,7 @@ def standing_forces(plan: Plan, kinematics: Kinematics) -> dict[int, Array]:
     Left out are frames at which some limb is drawn up, at which there are none, or at which they would take more of a
     joint than the plan does there, and more than ``EASY`` of what the joint has.
     """
-    course, count = plan.course, len(plan.course.robot.limbs)
+    course, count = plan.problem, len(plan.problem.robot.limbs)
     alone = [k for k in range(1, course.frames) if not course.lifts[k]]
     distribution, found = ForceDistribution(count), dict[int, Array]()
     for frame in sorted({0, *alone, *(k - 1 for k in alone)}):

@@ -13,7 +13,7 @@ from ..robot.kinematics import Kinematics, rotation_of
 def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
     """Of all torques of a plan with joints the one with the largest share of its limit: (share, Nm)."""
     assert plan.joints_rad is not None
-    rows = zip(plan.course.stances, plan.forces_n, strict=True)
+    rows = zip(plan.problem.stances, plan.forces_n, strict=True)
     torques = np.abs([
         solver.torques(plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces)
         for of, forces in rows

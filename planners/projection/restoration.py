@@ -63,7 +63,7 @@ class Restoration:
     @cached_property
     def _patches(self) -> list[list[Patch]]:
         """Under all limbs, frame by frame."""
-        return [[self._plan.course.patch(int(p), self._plan.choice) for p in row] for row in self._holds]
+        return [[self._plan.problem.patch(int(p), self._plan.choice) for p in row] for row in self._holds]
 
     def point(self) -> Point:
         """The plan's own numbers, non-dimensional."""
@@ -153,7 +153,7 @@ class Restoration:
         least = scaled.force_min[scaled.layout.contacts[0] == stance, 0].max(initial=0.0)
         arms = (point.toes[self._holds[frame]] - point.com[frame]) * scaled.length_m
         world = self._distribution.forces(
-            self._plan.course, arms, self._patches[frame], np.isin(np.arange(scaled.layout.limbs), limbs),
+            self._plan.problem, arms, self._patches[frame], np.isin(np.arange(scaled.layout.limbs), limbs),
             loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
             reserves=(self.friction_share,), least=float(least),
             wrench=scaled.wrench[stance] / scaled.weight if scaled.layout.loaded else None,

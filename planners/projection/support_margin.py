@@ -48,7 +48,7 @@ def pushed(course: Problem, share: float) -> Problem:
 def push_share(plan: Plan) -> float:
     """The largest of ``PUSHES`` that every stance of a plan bears, as it is; 0 for none."""
     least = min(margin.push_n for margin in stance_margins(plan, pushes_alone=True))
-    return next((share for share in PUSHES if least >= share * plan.course.weight_n), 0.0)
+    return next((share for share in PUSHES if least >= share * plan.problem.weight_n), 0.0)
 
 
 def steady(plan: Plan, share: float) -> bool:
@@ -56,10 +56,10 @@ def steady(plan: Plan, share: float) -> bool:
 
     True of a plan for soles, whose points are not feet of their own.
     """
-    if plan.course.has_soles:
+    if plan.problem.has_soles:
         return True
-    distribution = ForceDistribution(len(plan.course.robot.limbs))
+    distribution = ForceDistribution(len(plan.problem.robot.limbs))
     return all(
         distribution.solve(plan, index, reserves=(1.0,), least=share) is not None
-        for index in range(len(plan.course.stances))
+        for index in range(len(plan.problem.stances))
     )

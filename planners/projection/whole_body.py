@@ -128,11 +128,11 @@ def whole_body(
     until then counts. Raises InvalidInput without pinocchio, and for a robot whose legs are not known, and TimeEnded
     where there was not even time for joint angles.
     """
-    solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
+    solver = kinematics or Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
     angles = np.array([answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)])
     plan = replace(plan, joints_rad=angles)
     borne = push_share(plan)
-    if borne and plan.course.robot.source.own:  # whose plans have to bear one
+    if borne and plan.problem.robot.source.own:  # whose plans have to bear one
         return _bent(plan, limits, solver, deadline, braced=True)
     found = _bent(plan, limits, solver, deadline)
     if found.steps and push_share(found.plan) < borne:
@@ -225,7 +225,7 @@ def _at_key_frames(
 
 def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance | None:
     """None where coal is not installed, and where nobody carries between frames."""
-    if plan.course.uncarried:
+    if plan.problem.uncarried:
         return None
     try:
         return PathClearance(plan, solver, deadline)
@@ -264,7 +264,7 @@ class _Stage:
         self._plan, self._solver, self._limits, self._limit_nm = plan, solver, limits, limits.of(solver)
         self._clearance, self._apart_m = clearance, apart_m
         self._bounds = solver.lowest_rad, solver.highest_rad
-        course = pressing(plan.course, float(plan.provenance.get("press_share", 0.0)))
+        course = pressing(plan.problem, float(plan.provenance.get("press_share", 0.0)))
         if braced:
             course = pushed(course, push_share(plan))
         self._scaled, self._programs = Scaled.of(course).chosen(plan.choice), Programs()

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array, checked, read_only
-from ..files.validation import validated
+from ..files.codec import LATER, fields_to_json, from_json
 from ..problem import Problem
 from .learned import check_learned, check_robot
 
-FORMAT = "stancekit/envelope/1"
 TILT_ROOM_RAD = np.deg2rad(10.0)
 """How much further than in training a patch may lean before an envelope is refused as learned for something else."""
 LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
@@ -163,6 +161,8 @@ class EnvelopeSet:
         'p1'
     """
 
+    FORMAT: ClassVar = "stancekit/envelope/1"
+
     problem_class: str
     legs: tuple[str, ...]
     force_scale_n: float
@@ -170,8 +170,8 @@ class EnvelopeSet:
     normals: Array
     tilt_rad: Array
     envelopes: tuple[Envelope, ...]
+    robot: str = field(default="", metadata=LATER)
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    robot: str = ""
 
     def __post_init__(self) -> None:
         count = len(self.legs)
@@ -244,50 +244,9 @@ class EnvelopeSet:
 
     def to_json(self) -> dict[str, Any]:
         """Return the set in its JSON form."""
-        return {
-            "format": FORMAT,
-            "problem_class": self.problem_class,
-            "legs": list(self.legs),
-            "force_scale_n": self.force_scale_n,
-            "length_scale_m": self.length_scale_m,
-            "normals": self.normals.tolist(),
-            "tilt_rad": self.tilt_rad.tolist(),
-            "envelopes": [{"low": e.low.tolist(), "high": e.high.tolist()} for e in self.envelopes],
-            **({"robot": self.robot} if self.robot else {}),
-            "provenance": dict(self.provenance),
-        }
+        return fields_to_json(self)
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> EnvelopeSet:
         """Read the JSON form. Raises InvalidInput that lists every key that is wrong."""
-        if not isinstance(data, Mapping):
-            raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
-        raw = validated(_EnvelopeSetJson, data)
-        rest = raw.model_dump(exclude={"format", "envelopes", "legs"})
-        envelopes = []
-        for index, box in enumerate(raw.envelopes):
-            try:
-                envelopes.append(Envelope(**box.model_dump()))
-            except InvalidInput as error:
-                raise InvalidInput(f"envelopes[{index}].{error}") from None
-        return cls(envelopes=tuple(envelopes), legs=tuple(raw.legs), **rest)
-
-
-class _EnvelopeJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
-    low: list[list[float]]
-    high: list[list[float]]
-
-
-class _EnvelopeSetJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
-    format: Literal["stancekit/envelope/1"]
-    problem_class: str
-    legs: list[str] = Field(min_length=1)
-    force_scale_n: float
-    length_scale_m: float
-    normals: list[list[float]]
-    tilt_rad: list[float]
-    envelopes: list[_EnvelopeJson] = Field(min_length=1)
-    provenance: dict[str, Any]
-    robot: str = ""
+        return from_json(cls, data)

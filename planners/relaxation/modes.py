@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,13 +18,11 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.validation import shown
+from ..files.codec import fields_to_json, from_json
 from ..problem import Problem
 from .domain import domain_of
 from .envelope import Envelope, EnvelopeSet
 from .mccormick import Axes
-
-FORMAT = "stancekit/modes/1"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,6 +43,8 @@ class Modes:
         ('wall',)
     """
 
+    FORMAT: ClassVar = "stancekit/modes/1"
+
     names: tuple[str, ...]
     boxes: EnvelopeSet
 
@@ -64,20 +64,12 @@ class Modes:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
-        return {"format": FORMAT, "names": list(self.names), "boxes": self.boxes.to_json()}
+        return fields_to_json(self)
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Modes:
         """Read the JSON form. Raises InvalidInput."""
-        if not isinstance(data, Mapping) or set(data) != {"format", "names", "boxes"} or data["format"] != FORMAT:
-            raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, names and boxes")
-        names = data["names"]
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise InvalidInput(f"names: expected a list of texts, got {shown(names, 80)}")
-        try:
-            return cls(names=tuple(names), boxes=EnvelopeSet.from_json(data["boxes"]))
-        except InvalidInput as error:
-            raise InvalidInput(str(error) if str(error).startswith("names") else f"boxes: {error}") from None
+        return from_json(cls, data)
 
 
 def world_points(problems: Sequence[Problem], points: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,7 +36,7 @@ class FootContact:
         radius_m: radius of the ball, 0 for a point [m].
     """
 
-    point_m: Array
+    point_m: Array = field(default_factory=lambda: np.zeros(3))
     radius_m: float = 0.0
 
     def __post_init__(self) -> None:

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..files.codec import to_json
 from .model_json import model_to_json
-from .servo import FOOT_RADIUS_M, JOINTS, Servo, servo_to_json
+from .servo import FOOT_RADIUS_M, JOINTS, Servo
 
 if TYPE_CHECKING:
     from .model import Robot
@@ -50,9 +51,7 @@ class LegSource(ABC):
 
     def own_model(self) -> RobotModel:
         """The model of the robot's own file. Raises InvalidInput for a robot without one."""
-        raise InvalidInput(
-            f"robot: expected one with legs of its own, got {self.name}, which is but its limbs"
-        )
+        raise InvalidInput(f"robot: expected one with legs of its own, got {self.name}, which is but its limbs")
 
     @property
     @abstractmethod
@@ -198,7 +197,7 @@ class DrawnLegs(LegSource):
     def to_json(self) -> dict[str, Any]:
         """The identity, and the servo where the limbs do not say it, as those of the default hexapod do."""
         named = {"identity": self.robot.identity} if self.robot.identity else {}
-        return named | ({"legs": servo_to_json(self.servo)} if self._said else {})
+        return named | ({"legs": to_json(self.servo)} if self._said else {})
 
 
 class NoLegs(LegSource):

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_choice, checked_members, checked_name, read_only
+from ..files.codec import LATER, UNWRITTEN, to_json
 from ..files.validation import shown
 from ..terrain.sole import checked_sole
 from .leg_sources import DrawnLegs, LegSource, NoLegs, OwnLegs
@@ -37,8 +38,8 @@ class LegLimits:
     """
 
     hip_m: Array
-    speed_m_s: float = math.inf
-    power_w: float = math.inf
+    speed_m_s: float = field(default=math.inf, metadata=LATER)
+    power_w: float = field(default=math.inf, metadata=LATER)
     fold_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -78,10 +79,10 @@ class Limb:
     name: str
     shoulder_m: Array
     reach_m: float
-    reach_rows: ReachRows | None = None
-    sole_m: Array | None = None
-    leg: LegLimits | None = None
-    hip_m: Array | None = None
+    reach_rows: ReachRows | None = field(default=None, metadata=LATER)
+    sole_m: Array | None = field(default=None, metadata=LATER)
+    leg: LegLimits | None = field(default=None, metadata=LATER)
+    hip_m: Array | None = field(default=None, metadata=UNWRITTEN)
 
     def __post_init__(self) -> None:
         checked_name(self.name, "limb name")
@@ -95,6 +96,46 @@ class Limb:
     def hip_at(self, shoulder_m: Array) -> Array:
         """Where the leg begins when its shoulder is here, shape (3,) [m]."""
         return shoulder_m if self.hip_m is None else np.asarray(shoulder_m + self.hip_m - self.shoulder_m)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _RobotKeys:
+    """The keys of a robot: its limbs, and what makes its legs.
+
+    name: a word. mass_kg: of all of it. limbs: one or more. identity: of the model that it is of. model: of its own
+    file. relative_reach: where feet may be from a foot that is put down. inertia_kgm2: about the centre of mass, of a
+    robot that leaps. legs: the servo of legs that are drawn up.
+    """
+
+    name: str
+    mass_kg: float
+    limbs: tuple[Limb, ...]
+    identity: str = field(default="", metadata=LATER)
+    model: Mapping[str, Any] | None = field(default=None, metadata=LATER)
+    relative_reach: tuple[RelativeReach, ...] = field(default=(), metadata=LATER)
+    inertia_kgm2: Array | None = field(default=None, metadata=LATER)
+    legs: Servo | None = field(default=None, metadata=LATER)
+
+    def value(self) -> Robot:
+        """The robot. Raises InvalidInput."""
+        model = None
+        if self.model is not None:
+            from .model_json import model_from_json  # reads URDFs, which is slow to import
+
+            try:
+                model = model_from_json(self.model, self.name)
+            except InvalidInput as error:
+                raise InvalidInput(f"robot {self.name}: {error}") from None
+        return Robot(
+            name=self.name,
+            mass_kg=self.mass_kg,
+            limbs=self.limbs,
+            model=model,
+            identity=self.identity,
+            relative_reach=self.relative_reach,
+            inertia_kgm2=self.inertia_kgm2,
+            drawn=self.legs,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,6 +164,8 @@ class Robot:
         >>> Robot(name="tripod", mass_kg=4.0, limbs=tuple(limbs)).limb_names
         ('L0', 'L1', 'L2')
     """
+
+    KEYS: ClassVar = _RobotKeys
 
     name: str
     mass_kg: float
@@ -184,6 +227,12 @@ class Robot:
             )
         if any(limb.sole_m is not None for limb in self.limbs):
             raise InvalidInput(f"robot {self.name}: expected point feet with a model of its legs, got soles")
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready values of its limbs, and of what makes its legs."""
+        reach = {"relative_reach": to_json(self.relative_reach)} if self.relative_reach else {}
+        own = {"name": self.name, "mass_kg": self.mass_kg, "limbs": to_json(self.limbs)}
+        return own | reach | self.source.to_json()
 
     @property
     def source(self) -> LegSource:

@@ -11,10 +11,11 @@ import hashlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
+from ..files.codec import KEYS, to_json
+from ..files.validation import validated
 from .hulls import hulls_of_text, hulls_to_text
 from .leg import FootContact
 from .urdf_reader import Number
@@ -32,13 +33,6 @@ class _Keys(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
 
-class FootContactJson(_Keys):
-    """A foot's contact as a person describes it."""
-
-    point_m: Annotated[list[Number], Field(min_length=3, max_length=3)]
-    radius_m: Annotated[float, Field(ge=0.0, le=1e3)]
-
-
 class LegJson(_Keys):
     """One leg: the link that is its foot, the angles in which it stands, joint by joint, and, where a person says it,
     what it touches with."""
@@ -46,7 +40,7 @@ class LegJson(_Keys):
     name: Word
     foot: Word
     stance_rad: Annotated[dict[Word, Number], Field(min_length=1, max_length=MOST_JOINTS)]
-    contact: FootContactJson | None = None
+    contact: Annotated[FootContact, KEYS] | None = None
 
 
 class ModelJson(_Keys):
@@ -79,9 +73,7 @@ def model_to_json(model: RobotModel) -> dict[str, Any]:
             {
                 "name": leg.name, "foot": leg.foot,
                 "stance_rad": dict(zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)),
-                **({} if leg.contact is None else {
-                    "contact": {"point_m": leg.contact.point_m.tolist(), "radius_m": leg.contact.radius_m},
-                }),
+                **({} if leg.contact is None else {"contact": to_json(leg.contact)}),
             }
             for leg in model.legs
         ],
@@ -98,13 +90,15 @@ def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Any]:
     return {**robot, **own}
 
 
-def model_from_json(raw: ModelJson, name: str) -> RobotModel:
+def model_from_json(data: Mapping[str, Any], name: str) -> RobotModel:
     """The model that ``model_to_json`` wrote, of a robot of this name.
 
-    Raises InvalidInput, in one line, for a URDF that is none, legs that it does not have, and a digest of another one.
+    Raises InvalidInput, in one line, for keys that are wrong, a URDF that is none, legs that it does not have, and a
+    digest of another one.
     """
     from .robot_model import model_of  # what a file without a model does without
 
+    raw = validated(ModelJson, data, key="model.")
     feet = {leg.name: leg.foot for leg in raw.legs}
     stances = {joint: angle for leg in raw.legs for joint, angle in leg.stance_rad.items()}
     if len(feet) != len(raw.legs):
@@ -112,10 +106,7 @@ def model_from_json(raw: ModelJson, name: str) -> RobotModel:
     found = model_of(
         raw.urdf, where="model: urdf", folder=None, hulls=hulls_of_text(raw.hulls or ""), feet=feet,
         posture_rad=stances, name=name,
-        contacts={
-            leg.name: FootContact(point_m=np.array(leg.contact.point_m), radius_m=leg.contact.radius_m)
-            for leg in raw.legs if leg.contact is not None
-        },
+        contacts={leg.name: leg.contact for leg in raw.legs if leg.contact is not None},
     )  # fmt: skip
     for leg, said in zip(found.legs, raw.legs, strict=True):
         if leg.joint_names != tuple(said.stance_rad):

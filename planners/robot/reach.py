@@ -40,23 +40,19 @@ class ReachRows:
     bounds_m: Array
 
     def __post_init__(self) -> None:
-        normals = read_only(self.normals, (None, 3), "reach_rows.normals")
-        bounds = read_only(self.bounds_m, (len(normals),), "reach_rows.bounds_m")
+        normals = read_only(self.normals, (None, 3), "normals")
+        bounds = read_only(self.bounds_m, (len(normals),), "bounds_m")
         if not 1 <= len(normals) <= MOST_ROWS:
-            raise InvalidInput(f"reach_rows.normals: expected 1 to {MOST_ROWS} half-spaces, got {len(normals)}")
+            raise InvalidInput(f"normals: expected 1 to {MOST_ROWS} half-spaces, got {len(normals)}")
         length = np.linalg.norm(normals, axis=1)
         if length.min() < 1e-9:
-            raise InvalidInput(f"reach_rows.normals[{int(length.argmin())}]: expected a non-zero vector, got none")
+            raise InvalidInput(f"normals[{int(length.argmin())}]: expected a non-zero vector, got none")
         scaled = np.abs(length - 1.0) > 1e-12  # rows that are unit stay as they are, to the last bit
         normals = np.where(scaled[:, None], normals / length[:, None], normals)
         bounds = np.where(scaled, bounds / length, bounds)
-        object.__setattr__(self, "normals", read_only(normals, (None, 3), "reach_rows.normals"))
-        object.__setattr__(self, "bounds_m", read_only(bounds, (len(normals),), "reach_rows.bounds_m"))
+        object.__setattr__(self, "normals", read_only(normals, (None, 3), "normals"))
+        object.__setattr__(self, "bounds_m", read_only(bounds, (len(normals),), "bounds_m"))
         _ = self.centre_m
-
-    def to_json(self) -> dict[str, list[object]]:
-        """JSON-ready lists."""
-        return {"normals": self.normals.tolist(), "bounds_m": self.bounds_m.tolist()}
 
     @cached_property
     def centre_m(self) -> Array:
@@ -92,7 +88,7 @@ def _centre(normals: bytes, bounds: bytes) -> tuple[float, ...]:
     right, bounds_m = np.frombuffer(bounds), [free, free, free, (None, 0.5)]
     found = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=right, bounds=bounds_m)
     if found.x is None or found.x[3] <= 0.0:
-        raise InvalidInput("reach_rows.bounds_m: expected half-spaces that leave room for a toe, got an empty set")
+        raise InvalidInput("bounds_m: expected half-spaces that leave room for a toe, got an empty set")
     return tuple(found.x[:3].tolist())
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
+from ..files.codec import KEYS
 from ..files.documents import read_text, read_yaml
 from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
@@ -22,18 +23,6 @@ from .urdf_reader import JointCorrection, Number, Positive, built
 
 BUILT_IN = ("hexapod",)
 YAML = (".yaml", ".yml")
-
-
-class ContactKeys(BaseModel):
-    """What a foot touches with, in its link's frame: a point, or a ball about it."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-    point_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
-    radius_m: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
-
-    def contact(self) -> FootContact:
-        """The same as the planners have it."""
-        return FootContact(point_m=np.array(self.point_m), radius_m=self.radius_m)
 
 
 class LegKeys(BaseModel):
@@ -73,7 +62,7 @@ class RobotKeys(BaseModel):
     packages: list[str] = []
     name: str = ""
     feet: Annotated[dict[str, str] | list[str], Field(union_mode="left_to_right")] = {}
-    contacts: dict[str, ContactKeys] = {}
+    contacts: dict[str, Annotated[FootContact, KEYS]] = {}
     joints: dict[str, JointCorrection] = {}
     posture_rad: Annotated[dict[str, Number] | list[Number], Field(union_mode="left_to_right")] = {}
     root_rpy_rad: tuple[Number, Number, Number] | None = None
@@ -158,7 +147,7 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
             return model_of(
                 text, where=str(urdf), folder=urdf.parent.resolve(),
                 packages=[(folder / each).resolve() for each in keys.packages],
-                srdf=stands, feet=keys.feet, contacts={name: each.contact() for name, each in keys.contacts.items()},
+                srdf=stands, feet=keys.feet, contacts=keys.contacts,
                 joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
                 posture_rad=keys.posture_rad if isinstance(keys.posture_rad, dict) else None,
             )  # fmt: skip

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
-from ..files.arrays import check_numbers, checked, collect_errors
+from ..files.arrays import checked
+from ..files.codec import Within, check_limits
 
 JOINTS = ("yaw", "hip", "roll", "knee")
 """The joints of a limb from the shoulder outwards: about the body's z, the limb's y (down positive), the thigh, and the
@@ -13,6 +14,12 @@ limb's y again. A foot below its shoulder is on the axis of yaw: there roll move
 
 FOOT_RADIUS_M = 0.012
 """Radius of a foot that is drawn up."""
+
+
+Positive = Annotated[float, Within(above=0.0)]
+TURN = Within(least=-10.0, most=10.0)
+"""Of a joint's limits [rad]."""
+Angle = Annotated[float, TURN]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,28 +30,16 @@ class Servo:
     torque_nm, velocity_rad_s: limits. stiffness_nm_rad, damping_nms_rad: Kp and Kd.
     """
 
-    lower_rad: tuple[float, float, float, float] = (-1.9, -1.8, -2.6, -0.05)
-    upper_rad: tuple[float, float, float, float] = (1.9, 1.8, 2.6, 2.75)
-    torque_nm: float = 40.0
-    velocity_rad_s: float = 4.0
-    stiffness_nm_rad: float = 400.0
-    damping_nms_rad: float = 6.0
-    rotor_kg_m2: float = 0.01
+    lower_rad: tuple[Angle, Angle, Angle, Angle] = (-1.9, -1.8, -2.6, -0.05)
+    upper_rad: tuple[Angle, Angle, Angle, Angle] = (1.9, 1.8, 2.6, 2.75)
+    torque_nm: Positive = 40.0
+    velocity_rad_s: Positive = 4.0
+    stiffness_nm_rad: Positive = 400.0
+    damping_nms_rad: Positive = 6.0
+    rotor_kg_m2: Annotated[float, Within(least=0.0)] = 0.01
 
     def __post_init__(self) -> None:
-        positive = ("torque_nm", "velocity_rad_s", "stiffness_nm_rad", "damping_nms_rad")
-        collect_errors(
-            lambda: check_numbers(self, "servo.", above=positive, least=("rotor_kg_m2",)),
-            *(
-                lambda i=i: checked(
-                    self.lower_rad[i], f"servo.lower_rad[{i}]", most=self.upper_rad[i]
-                )
-                for i in range(len(JOINTS))
-            ),
-        )
-
-
-def servo_to_json(servo: Servo) -> dict[str, Any]:
-    """JSON-ready values of a servo; ``DrawnLegsKeys`` reads them."""
-    numbers = asdict(servo)
-    return {name: list(each) if isinstance(each, tuple) else each for name, each in numbers.items()}
+        check_limits(self)
+        for i in range(len(JOINTS)):
+            TURN.check(self.upper_rad[i], f"upper_rad[{i}]")
+            checked(self.lower_rad[i], f"lower_rad[{i}]", least=TURN.least, most=self.upper_rad[i])

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, collect_errors, read_only
+from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json
 from ..files.documents import read_text, read_yaml
-from ..files.validation import validation_errors
 from ..physics import GRAVITY_M_S2
 from .leg_sources import LegSource, NoLegs, OwnLegs
 from .model import checked_inertia, hexapod
+from .model_json import model_from_json
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel
-
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,12 +58,10 @@ DEEPEST = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GaitRobot:
-    """A torso with mass and inertia, and its feet; the legs weigh nothing apart from it (paper W §III-A).
+class _WalkerKeys:
+    """The keys of a walker, see ``GaitRobot``.
 
-    inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²]; stand_height_m: of the centre of
-    mass over level ground in the nominal stance [m]; trunk_half_m: half sides of the trunk's box, shape (3,) [m],
-    which has to stay clear of the terrain; model: the robot of a URDF, which has joints, where it is one.
+    model: of its own file. legs: limits of the legs in leaps, by name or pattern. source: of its numbers, for people.
     """
 
     name: str
@@ -72,7 +70,35 @@ class GaitRobot:
     feet: tuple[Foot, ...]
     stand_height_m: float
     trunk_half_m: Array
-    model: RobotModel | None = field(default=None, repr=False)
+    model: Mapping[str, Any] | None = field(default=None, metadata=LATER)
+    source: Any = field(default=None, metadata=LATER)
+    legs: Any = field(default=None, metadata=LATER)
+
+    def value(self) -> GaitRobot:
+        """The robot. Raises InvalidInput."""
+        model = None if self.model is None else model_from_json(self.model, self.name)
+        numbers = {each.name: getattr(self, each.name) for each in fields(self)[:6]}
+        return GaitRobot(**numbers, model=model)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitRobot:
+    """A torso with mass and inertia, and its feet; the legs weigh nothing apart from it (paper W §III-A).
+
+    inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²]; stand_height_m: of the centre of
+    mass over level ground in the nominal stance [m]; trunk_half_m: half sides of the trunk's box, shape (3,) [m],
+    which has to stay clear of the terrain; model: the robot of a URDF, which has joints, where it is one.
+    """
+
+    KEYS: ClassVar = _WalkerKeys
+
+    name: str
+    mass_kg: float
+    inertia_kgm2: Array
+    feet: tuple[Foot, ...]
+    stand_height_m: float
+    trunk_half_m: Array
+    model: RobotModel | None = field(default=None, repr=False, metadata=UNWRITTEN)
 
     def __post_init__(self) -> None:
         where = f"robot {checked_name(self.name, 'name')}"
@@ -151,12 +177,11 @@ class GaitRobot:
 
         Raises InvalidInput, in one line, with all that is wrong.
         """
-        try:
-            return _Numbers.model_validate(read_yaml(path)).robot()
-        except ValidationError as error:
-            raise InvalidInput(f"{path}: {'; '.join(validation_errors(error, _Numbers))}") from None
-        except InvalidInput as error:
-            raise InvalidInput(f"{path}: {error}") from None
+        return from_json(cls, read_yaml(path), where=str(path))
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready values of its numbers, and of what makes its legs."""
+        return fields_to_json(self) | self.source.to_json()
 
 
 def anymal() -> GaitRobot:
@@ -213,46 +238,9 @@ def hexapod_walker() -> GaitRobot:
     )
 
 
-class _FootNumbers(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    name: str
-    nominal_m: Any
-    reach_min_m: Any
-    reach_max_m: Any
-    hip_m: Any
-
-
-class _Numbers(BaseModel):
-    """The keys of a robot's numbers; what they may be is said by ``GaitRobot`` and ``Foot``.
-
-    legs: limits of the legs in leaps, which ``leg_limits`` reads.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    name: str
-    mass_kg: Any
-    inertia_kgm2: Any
-    stand_height_m: Any
-    trunk_half_m: Any
-    feet: list[_FootNumbers]
-    source: Any = None
-    legs: Any = None
-
-    def robot(self) -> GaitRobot:
-        feet = []
-        for index, foot in enumerate(self.feet):
-            try:
-                feet.append(Foot(**dict(foot)))
-            except InvalidInput as error:
-                raise InvalidInput(f"feet[{index}]: {error}") from None
-        numbers = {name: value for name, value in self if name not in ("feet", "source", "legs")}
-        return GaitRobot(**numbers, feet=tuple(feet))
-
-
 def half_sides(value: Any, where: str) -> Array:
     """Half sides of a box, all above 0, shape (3,) [m]."""
     sides = read_only(value, (3,), where)
     if not np.all(sides > 0.0):
         raise InvalidInput(f"{where}: expected sides above 0 m, got {sides.tolist()}")
     return sides
-

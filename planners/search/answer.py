@@ -5,23 +5,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar, runtime_checkable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..answer.posture import Posture
-from ..answer.report import Report
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
 from ..problem import Problem
-from ..verify import check_certificate, check_plan, check_posture
+from ..verify import check_certificate, check_plan
 from .clock import Clock
 
-Evidence = TypeVar("Evidence", Posture, Plan)
 GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
 """Of an infeasible posture of a robot's file: problems are drawn over the inner sets of its legs."""
 
@@ -31,7 +28,7 @@ class Planner(Protocol):
 
     name: str
 
-    def solve(self, problem: Any, /) -> Answer[Any]:
+    def solve(self, problem: Problem, /) -> Answer[Plan]:
         """Answer one problem. Raises InvalidInput where the planner is not made for it."""
         ...
 
@@ -58,14 +55,14 @@ class TimeLimited:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Claim(Generic[Evidence]):
+class Claim:
     """What a planner says of a problem, before anybody believes it.
 
-    found: a posture, or a plan. certificate: that there is none. word: its verdict in its own word, e.g. a solver's
+    found: a plan. certificate: that there is none. word: its verdict in its own word, e.g. a solver's
     "optimal". message: why it has neither, or what else is to be known. details: its figures, by name.
     """
 
-    found: Evidence | None = None
+    found: Plan | None = None
     certificate: Certificate | None = None
     word: str = ""
     message: str = ""
@@ -86,24 +83,26 @@ class Acceptance:
     def answer(
         self,
         problem: Problem,
-        claim: Claim[Evidence],
+        claim: Claim,
         *,
         method: str,
         clock: Clock,
         bound: float = float("nan"),
-    ) -> Answer[Evidence]:
-        """Feasible if the posture or the plan is verified, infeasible if the certificate is, else undecided.
+    ) -> Answer[Plan]:
+        """Feasible if the plan is verified, infeasible if the certificate is, else undecided.
 
         bound: on the objective of any plan, proved.
         """
         status, report, begin, message = Status.UNDECIDED, None, clock.elapsed(), claim.message
         certificate: Certificate | None = None
-        if claim.found is not None:
-            report = self._judged(problem, claim.found)
+        plan = claim.found
+        if plan is not None:
+            plan = plan if plan.problem is problem else replace(plan, problem=problem)
+            report = check_plan(plan, tolerance=self.tolerance, between=False)  # convexity proves the way
             if report.accepted:
                 status = Status.FEASIBLE
             else:
-                kind = "witness" if isinstance(claim.found, Posture) else "plan"
+                kind = "witness" if problem.is_posture else "plan"
                 message = message or f"{kind} refused: {report.message}"
         posed = problem.is_posture
         bound = 0.0 if posed else bound
@@ -116,15 +115,15 @@ class Acceptance:
                 bound, message = (bound, _given(problem)) if posed else (float("inf"), proof.message)
             else:
                 message = message or f"certificate refused: {proof.message}"
-        found, seconds = claim.found if status is Status.FEASIBLE else None, clock.elapsed()
+        found, seconds = plan if status is Status.FEASIBLE else None, clock.elapsed()
         return Answer(
             status=status,
             method=method,
             problem=problem,
             solution=found,
             certificate=certificate if status is Status.INFEASIBLE else None,
-            report=None if isinstance(found, Plan) else report,  # a plan's comes with its whole body
-            objective=objective_of(found) if isinstance(found, Plan) else float("nan"),
+            report=report if posed or found is None else None,  # a course's comes with its whole body
+            objective=float("nan") if posed or found is None else objective_of(found),
             bound=bound,
             residual=float("nan") if report is None else report.worst,
             effort=Effort(
@@ -139,12 +138,6 @@ class Acceptance:
             details=dict(claim.details),
         )
 
-    def _judged(self, problem: Problem, found: Posture | Plan) -> Report[Any]:
-        """The verifier's report on what was found; convexity proves the way between the frames of a plan."""
-        if isinstance(found, Plan):
-            return check_plan(found, tolerance=self.tolerance, between=False)
-        return check_posture(problem, found, tolerance=self.tolerance)
-
 
 def _given(problem: Problem) -> str:
     """What a proof of a posture problem is over, where its robot may reach further."""
@@ -152,19 +145,20 @@ def _given(problem: Problem) -> str:
 
 
 def plan_of(
-    course: Problem,
+    problem: Problem,
     scaled: Scaled,
     choice: Index,
     point: Point,
     *,
-    provenance: Mapping[str, Any],
+    provenance: Mapping[str, Any] | None = None,
     modes: Index | None = None,
 ) -> Plan:
-    """Give a point on one choice of candidates its units back. scaled: as asked for, or chosen; choice: shape (P,)."""
+    """Give a point on one choice of candidates its units back. scaled: as asked for, or chosen; choice: shape (P,), of
+    a posture ``scaled.numbers``."""
     chosen = scaled.chosen(choice)
     forces, soles = chosen.forces_si(point)
     return Plan(
-        course=course,
+        problem=problem,
         com_m=point.com * scaled.length_m,
         rotation_rad=point.rotation,
         toes_m=point.toes * scaled.length_m,
@@ -172,13 +166,13 @@ def plan_of(
         forces_n=forces,
         **soles,
         modes=modes,
-        provenance=provenance,
+        provenance=provenance or {},
     )
 
 
 def objective_of(plan: Plan) -> float:
     """The objective of ``Weights`` at a plan, SI: recomputed, whatever a solver said."""
-    course, weights = plan.course, plan.course.aim
+    course, weights = plan.problem, plan.problem.aim
     cost = weights.goal * float(np.sum((plan.com_m[-1] - course.goal_m) ** 2))
     cost += weights.com_path * float(np.sum((plan.com_m - course.com_nominal_m) ** 2))
     cost += weights.tilt * float(np.sum(plan.rotation_rad**2))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.certificate import Certificate
-from ..answer.posture import Posture
+from ..answer.plan import Plan
 from ..equilibrium.batch import ScaledBatch
 from ..problem import PostureBatch
 from ..relaxation.lift import LiftAnswer, solve_lift
@@ -30,11 +30,11 @@ from .witness import Iteration
 class Decided:
     """Every problem's outcome. relaxed: canonical points of P̄ that were found on the way, by the problem's index."""
 
-    outcomes: list[Answer[Posture]]
-    relaxed: dict[int, Posture]
+    outcomes: list[Answer[Plan]]
+    relaxed: dict[int, Plan]
 
 
-def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Answer[Posture]]:
+def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Answer[Plan]]:
     """``decide_all`` without what was found on the way."""
     return decide_all(planner, batch).outcomes
 
@@ -66,8 +66,8 @@ class _Batch:
         self._iteration = Iteration(self._scaled)
         self._lifts: dict[int, LiftAnswer] = {}
         self._seconds = np.zeros(len(batch))
-        self.answers: dict[int, Answer[Posture]] = {}
-        self.relaxed: dict[int, Posture] = {}
+        self.answers: dict[int, Answer[Plan]] = {}
+        self.relaxed: dict[int, Plan] = {}
         self._proved: dict[int, tuple[Certificate, float]] = {}  # infeasible, but perhaps trivially
 
     def ask(self) -> None:
@@ -117,7 +117,7 @@ class _Batch:
 
     def search(self) -> None:
         """Answer what is left by branch and bound, with the middle of what its toes leave."""
-        found = dict[int, Posture]()
+        found = dict[int, Plan]()
         for k in self._left().tolist():
             answer = self._planner.solve(self._problems[k], root=self._lifts[k])
             effort = answer.effort
@@ -145,7 +145,7 @@ class _Batch:
         for k in self._left().tolist():
             self._refuted(k, *proofs[k], trivial=False)
 
-    def _feasible(self, k: int, posture: Posture, off: float) -> None:
+    def _feasible(self, k: int, posture: Plan, off: float) -> None:
         self.answers[k] = Answer(
             status=Status.FEASIBLE, solution=posture, bound=0.0, residual=off, **self._told(k, nodes=0.0)
         )

@@ -11,17 +11,18 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.posture import Posture
+from ..answer.plan import Plan
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..equilibrium.programs import Programs
 from ..problem import PostureBatch
 from ..projection.centre import centred
 from ..relaxation.mccormick import WithoutMoment
 from ..verify import check_postures
+from .answer import plan_of
 from .witness import Iteration, witnesses
 
 Index = NDArray[np.intp]
-Found = dict[int, tuple[Posture, float]]
+Found = dict[int, tuple[Plan, float]]
 """Postures by the index of their problem, each with its largest violation."""
 SHORT, LONG = 96, 320
 """Steps of the iteration before a solver is asked, and after: most feasible problems need fewer than the first."""
@@ -37,26 +38,26 @@ def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6
 
 def gone_on(iteration: Iteration, batch: PostureBatch, until: int, *, tolerance: float = 1e-6) -> Found:
     """``canonical`` of what is left of an iteration over the batch, which goes on until it has taken so many steps."""
-    return _accepted(batch, *_centres(iteration.scaled, iteration.claims(until)), tolerance)
+    return _accepted(batch, iteration.scaled, iteration.claims(until), tolerance)
 
 
-def with_toes(batch: PostureBatch, found: Mapping[int, Posture], *, tolerance: float = 1e-6) -> Found:
+def with_toes(batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: float = 1e-6) -> Found:
     """The middle of what these postures' toes leave, by the index of the problem; none where that has no inside."""
     index, scaled = np.array(list(found), dtype=np.intp), ScaledBatch.of(batch)
     toes = np.array([posture.toes_m for posture in found.values()]).reshape(-1, *scaled.friction.shape[1:], 3)
     held = scaled.select(index).held(toes / scaled.like.length_m)
-    middles = _accepted(batch.select(index), *_centres(held, witnesses(held, LONG)), tolerance)
+    middles = _accepted(batch.select(index), held, witnesses(held, LONG), tolerance)
     return {int(index[k]): middle for k, middle in middles.items()}
 
 
-def relaxed(batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Posture]:
+def relaxed(batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
     """Canonical points of P̄, which violate nothing but the balance of moments, where the iteration finds one."""
     scaled = ScaledBatch.of(batch)
-    found = _accepted(batch, *_centres(scaled, witnesses(scaled, LONG, moments=False), moments=False), tolerance, False)
+    found = _accepted(batch, scaled, witnesses(scaled, LONG, moments=False), tolerance, moments=False)
     return {k: posture for k, (posture, _) in found.items()}
 
 
-def without_moments(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Posture]:
+def without_moments(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
     """``relaxed``, and where the iteration comes to no end ``solved``."""
     found = relaxed(batch, tolerance=tolerance)
     rest = np.array([k for k in range(len(batch)) if k not in found], dtype=np.intp)
@@ -64,33 +65,33 @@ def without_moments(programs: Programs, batch: PostureBatch, *, tolerance: float
     return found | {int(rest[k]): posture for k, posture in ended.items()}
 
 
-def solved(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Posture]:
+def solved(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
     """The points of P̄ that the solver ends at; none where P̄ has none."""
-    scaled, postures = ScaledBatch.of(batch), dict[int, Posture]()
+    scaled, postures = ScaledBatch.of(batch), dict[int, Plan]()
     layout = scaled.like.layout
     for k in range(len(batch)):
-        point = programs.get(WithoutMoment, layout, bool(layout.reach_rows)).solve(scaled.problem(k))
+        one = scaled.problem(k)
+        point = programs.get(WithoutMoment, layout, bool(layout.reach_rows)).solve(one)
         if point is not None:
-            posture = scaled.problem(k).posture(point)
-            worst = check_postures([batch.problems[k]], [posture], without=("moment_balance",))
+            posture = plan_of(batch.problems[k], one, one.numbers, point)
+            worst = check_postures([posture], without=("moment_balance",))
             postures |= {k: posture} if worst[0] <= tolerance else {}
     return postures
 
 
-def _centres(
-    scaled: ScaledBatch, claims: tuple[Index, PointBatch], *, moments: bool = True
-) -> tuple[Index, list[Posture]]:
-    index, points = claims
-    some = scaled.select(index)
-    return index, some.postures(centred(some, points, moments=moments))
-
-
 def _accepted(
-    batch: PostureBatch, index: Index, postures: list[Posture], tolerance: float, moments: bool = True
+    batch: PostureBatch,
+    scaled: ScaledBatch,
+    claims: tuple[Index, PointBatch],
+    tolerance: float,
+    *,
+    moments: bool = True,
 ) -> Found:
-    """Those that the verifier accepts."""
-    without = () if moments else ("moment_balance",)
-    worst = check_postures([batch.problems[k] for k in index.tolist()], postures, without=without).tolist()
+    """The middles of what the toes of claimed points leave, where the verifier accepts them."""
+    index, points = claims
+    some, problems = scaled.select(index), [batch.problems[k] for k in index.tolist()]
+    postures = some.plans(centred(some, points, moments=moments), problems)
+    worst = check_postures(postures, without=() if moments else ("moment_balance",)).tolist()
     return {
         k: (posture, off) for k, posture, off in zip(index.tolist(), postures, worst, strict=True) if off <= tolerance
     }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Literal
 
 from ..answer.answer import Answer
+from ..answer.plan import Plan
 from ..problem import Problem
 from .answer import Planner
 
@@ -22,7 +23,7 @@ class EitherPlanner:
     def __init__(self, name: str, make: Mapping[Kind, Callable[[], Planner]]) -> None:
         self.name, self._make, self._made = name, make, dict[Kind, Planner]()
 
-    def solve(self, problem: Problem) -> Answer[Any]:
+    def solve(self, problem: Problem) -> Answer[Plan]:
         """Answer one problem. Raises InvalidInput where the method, or a setting of it, is not for its kind."""
         return self.part(kind_of(problem)).solve(problem)
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
-from ..answer.posture import Posture
 from ..equilibrium.conic_solution import ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
@@ -70,7 +69,7 @@ class ExactPlanner:
         self.programs = programs or Programs()
         self.proposers = proposers
 
-    def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Posture]:
+    def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Plan]:
         """Decide whether a posture problem has an answer (paper E's P, exactly).
 
         root: the lift of the problem with the least moment, where it is solved already.
@@ -83,7 +82,7 @@ class ExactPlanner:
         search = self.search(scaled, root=root)
         clock.count(search.solves, 0.0)
         claim = Claim(
-            found=None if search.found is None else scaled.posture(search.found[1]),
+            found=None if search.found is None else plan_of(problem, scaled, *search.found),
             certificate=search.certificate(),
             message=search.stopped,
             details={"nodes": float(search.nodes), "trivial": float(search.trivial)},

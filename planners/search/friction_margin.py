@@ -97,7 +97,7 @@ def plan_with_reserve(
                 provenance["press_share"] = press
             if push > 0.0:
                 provenance["push_share"] = push
-            plan: Plan = replace(outcome.solution, course=course, provenance=provenance)
+            plan: Plan = replace(outcome.solution, problem=course, provenance=provenance)
             exact = share >= 1.0 and outcome.problem is dulled  # a bound of another course bounds nothing here
             return replace(outcome, solution=plan, problem=course, bound=outcome.bound if exact else float("nan"))
     return outcome or Answer(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)

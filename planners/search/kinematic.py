@@ -107,7 +107,7 @@ class KinematicPlanner:
         details = {"placed": float(placed is not None), "place_s": clock.elapsed(), "cpu_s": time.process_time() - cpu}
         if placed is None:
             word = "infeasible" if message == "infeasible" and self.choice == "mip" else "unknown"
-            claim = Claim[Plan](word=word, message=f"kinematics: {message}", details=details)
+            claim = Claim(word=word, message=f"kinematics: {message}", details=details)
             return self.acceptance.answer(course, claim, method=self.name, clock=clock)
         details["tried"] = float(placed.tried)
         plan, as_planned, said = None, False, "there is no body in the plan"

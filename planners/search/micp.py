@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from importlib import util
-from typing import Any
 
 import numpy as np
 
@@ -70,7 +69,7 @@ class MicpPlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
         self.acceptance, self._programs = acceptance, programs or Programs()
 
-    def solve(self, problem: Problem) -> Answer[Any]:
+    def solve(self, problem: Problem) -> Answer[Plan]:
         """Ask the solver, then project and verify what it found. Raises InvalidInput for an envelope of other limbs."""
         clock, scaled = Clock.start(), Scaled.of(problem)
         with clock.compiling():
@@ -92,15 +91,12 @@ class MicpPlanner(TimeLimited):
             message = (
                 message or f"{self.solver} says {answer.claim}; neither a certificate nor toes that hold came with it"
             )
-        said: dict[str, Any] = {"word": answer.claim, "message": message, "details": details}
-        if problem.is_posture:
-            claim = Claim(found=None if point is None else scaled.posture(point), **said)
-            return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         plan: Plan | None = None
         if point is not None and answer.choice is not None:
             made = {"planner": self.name, "solver": self.solver, "projection": self.projection}
             plan = plan_of(problem, scaled, answer.choice, point, provenance=made)
-        return self.acceptance.answer(problem, Claim(found=plan, **said), method=self.name, clock=clock)
+        claim = Claim(found=plan, word=answer.claim, message=message, details=details)
+        return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def program(self, problem: Problem) -> MicpProgram:
         """The program of a problem; postures of one layout share one, which then has the numbers of this one."""

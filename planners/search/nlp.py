@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from ..answer.answer import Answer
+from ..answer.plan import Plan
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import checked, checked_choice, checked_int
@@ -51,7 +52,7 @@ class NlpPlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
         self.acceptance, self._programs = acceptance, programs or Programs()
 
-    def solve(self, problem: Problem) -> Answer[Any]:
+    def solve(self, problem: Problem) -> Answer[Plan]:
         """Try the starts in order until one ends on the bilinear surface."""
         clock, scaled = Clock.start(), Scaled.of(problem)
         choice = nearest(scaled)
@@ -72,13 +73,10 @@ class NlpPlanner(TimeLimited):
             if best is not None and best.residual <= max(SURFACE, 0.5 * self.acceptance.tolerance):
                 break
         message = "" if best is not None else f"no witness from {tried} starts; IPOPT said {word}"
-        said: dict[str, Any] = {"word": word, "message": message, "details": {"starts": float(tried)}}
-        if problem.is_posture:
-            claim = Claim(found=None if best is None else scaled.posture(best), **said)
-            return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         made = {"planner": self.name, "start": self.start}
         plan = None if best is None else plan_of(problem, scaled, choice, best, provenance=made)
-        return self.acceptance.answer(problem, Claim(found=plan, **said), method=self.name, clock=clock)
+        claim = Claim(found=plan, word=word, message=message, details={"starts": float(tried)})
+        return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def _starting(self, chosen: Scaled, count: int) -> list[Point]:
         starts = starting_points(chosen, count, seed=self.seed)

@@ -41,16 +41,16 @@ class Standing:
         return cls(
             com_m=plan.com_m[-1],
             rotation_rad=plan.rotation_rad[-1],
-            toes_m=plan.toes_at(plan.course.frames - 1),
-            patches=tuple(plan.course.patch(int(index), plan.choice) for index in plan.course.holds[-1]),
-            yaws_rad=_yaws(plan) if plan.course.has_soles else (),
+            toes_m=plan.toes_at(plan.problem.frames - 1),
+            patches=tuple(plan.problem.patch(int(index), plan.choice) for index in plan.problem.holds[-1]),
+            yaws_rad=_yaws(plan) if plan.problem.has_soles else (),
             angles_rad=None if plan.joints_rad is None else plan.joints_rad[-1],
         )
 
 
 def _yaws(plan: Plan) -> tuple[float, ...]:
     """Of every foot at the end of a plan [rad]."""
-    puts = [(plan.course.footholds[index].yaws_rad, int(plan.choice[index])) for index in plan.course.holds[-1]]
+    puts = [(plan.problem.footholds[index].yaws_rad, int(plan.choice[index])) for index in plan.problem.holds[-1]]
     return tuple(yaws[chosen] if yaws else 0.0 for yaws, chosen in puts)
 
 
@@ -169,21 +169,21 @@ def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
     toes, choice = dict[tuple[int, str], Array](), dict[tuple[int, str], int]()
     forces, first = dict[tuple[int, tuple[int, ...]], Array](), 0
     for number, plan in enumerate(plans):
-        for index, foothold in enumerate(plan.course.footholds):
+        for index, foothold in enumerate(plan.problem.footholds):
             if foothold.frame > 0 or number == 0:
                 toes[first + foothold.frame, foothold.limb] = plan.toes_m[index]
                 choice[first + foothold.frame, foothold.limb] = int(plan.choice[index])
-        for index, stance in enumerate(plan.course.stances):
+        for index, stance in enumerate(plan.problem.stances):
             if stance.frame > 0 or number == 0:
                 forces[first + stance.frame, stance.limbs] = plan.forces_n[index]
         if number:
             com.append(plan.com_m[1:])
             rotation.append(plan.rotation_rad[1:])
-        first += plan.course.frames - 1
+        first += plan.problem.frames - 1
     whole = course_window(course, 0, first)
     order = [(foothold.frame, foothold.limb) for foothold in whole.footholds]
     return Plan(
-        course=whole,
+        problem=whole,
         com_m=np.vstack(com),
         rotation_rad=np.vstack(rotation),
         toes_m=np.array([toes[key] for key in order]),

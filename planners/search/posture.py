@@ -8,16 +8,16 @@ import numpy as np
 
 from ..answer.answer import Answer
 from ..answer.certificate import Certificate
-from ..answer.posture import Posture
+from ..answer.plan import Plan
 from ..equilibrium.programs import Programs
-from ..equilibrium.scaled import Point, Scaled
+from ..equilibrium.scaled import Scaled
 from ..problem import Problem
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
 from ..relaxation.relaxed import RelaxationAnswer
 from ..relaxation.table import RELAXATIONS
-from .answer import Acceptance, Claim
+from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 from .cuts import LEAF
 from .either import Kind
@@ -55,7 +55,7 @@ class TwoStagePlanner:
         )
         self._programs = programs or Programs()
 
-    def solve(self, problem: Problem) -> Answer[Posture]:
+    def solve(self, problem: Problem) -> Answer[Plan]:
         """Relax, project, verify. Raises InvalidInput where the envelopes were learned for another class."""
         clock = Clock.start()
         if self.envelopes is not None:
@@ -65,7 +65,7 @@ class TwoStagePlanner:
         answer = self._relax(scaled) if lift is None else as_relaxation(lift)
         clock.count(answer.solves, 0.0)
         if not answer.known:
-            claim = Claim[Posture](message="the relaxation was not solved")
+            claim = Claim(message="the relaxation was not solved")
             return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         details = {"margin": answer.margin, "gap": answer.gap, "chosen": float(answer.chosen)}
         if not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap) or answer.point is None:
@@ -74,9 +74,11 @@ class TwoStagePlanner:
         if self.projection:
             point = project(self._programs, self.projection, scaled, answer.point)
             clock.count(point.solves, 0.0)
-        posture = None if self.projection and np.isinf(point.residual) else _posture(scaled, point)
-        message = "" if posture is not None else f"{self.projection} found no answer from P1's point"
-        claim = Claim(found=posture, word="feasible", message=message, details=details)
+        plan: Plan | None = None
+        if not (self.projection and np.isinf(point.residual)) and np.all(np.isfinite(point.forces)):
+            plan = plan_of(problem, scaled, scaled.numbers, point)
+        message = "" if plan is not None else f"{self.projection} found no answer from P1's point"
+        claim = Claim(found=plan, word="feasible", message=message, details=details)
         return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def _relax(self, scaled: Scaled) -> RelaxationAnswer:
@@ -90,7 +92,7 @@ class TwoStagePlanner:
         clock: Clock,
         lift: LiftAnswer | None,
         details: dict[str, float],
-    ) -> Answer[Posture]:
+    ) -> Answer[Plan]:
         """The relaxation is infeasible. Where that holds whatever the box, the lift's certificate says so."""
         if lift is None and np.isinf(details["margin"]):
             lift = solve_lift(self._programs, scaled, least_moment=True)
@@ -98,9 +100,5 @@ class TwoStagePlanner:
         proof = lift is not None and lift.solved and lift.bound > self.acceptance.gap
         certificate = Certificate(tree=np.array([LEAF]), multipliers=lift.multipliers[None]) if lift and proof else None
         message = "" if certificate else "the relaxation is infeasible; over a learned box that is no proof"
-        claim = Claim[Posture](certificate=certificate, word="infeasible", message=message, details=details)
+        claim = Claim(certificate=certificate, word="infeasible", message=message, details=details)
         return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
-
-
-def _posture(scaled: Scaled, point: Point) -> Posture | None:
-    return scaled.posture(point) if np.all(np.isfinite(point.forces)) else None

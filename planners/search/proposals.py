@@ -55,8 +55,8 @@ def witnessed(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> Fo
     scaled = ScaledBatch.of(batch)
     index, points = proposer.postures(scaled)
     with np.errstate(all="ignore"):  # whatever the numbers are
-        postures = scaled.select(index).postures(points)
-    worst = check_postures([batch.problems[k] for k in index.tolist()], postures)
+        postures = scaled.select(index).plans(points, [batch.problems[k] for k in index.tolist()])
+    worst = check_postures(postures)
     shown = {int(k): at for k, at, off in zip(index, postures, worst, strict=True) if off <= accept.tolerance}
     rows = np.array(list(shown), dtype=np.intp)
     found = {int(rows[k]): at for k, at in canonical(batch.select(rows), tolerance=accept.tolerance).items()}

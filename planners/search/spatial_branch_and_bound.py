@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..answer.answer import Status
-from ..answer.posture import Posture
+from ..answer.plan import Plan
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
@@ -23,7 +23,7 @@ from ..projection.project import Projection, project
 from ..relaxation.domain import domain_of, toe_ranges
 from ..relaxation.envelope import Envelope
 from ..relaxation.mccormick import McCormick
-from .answer import Acceptance, Claim
+from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 
 REFUTED_MARGIN = 1e-6
@@ -68,7 +68,7 @@ class BoxSearch:
         self._pushed = 0
         self.solves = 0
         self.refuted = 0
-        self.posture: Posture | None = None
+        self.posture: Plan | None = None
         self._visit(domain_of(scaled, reach=False), depth=0)
 
     @property
@@ -127,13 +127,13 @@ class BoxSearch:
         gaps = np.abs(answer.excess)
         return OpenBox(box=box, margin=answer.margin, point=answer.at, gaps=gaps, depth=depth), answer.point
 
-    def _project(self, start: Point) -> Posture | None:
+    def _project(self, start: Point) -> Plan | None:
         """A verified posture from P1's point, or None."""
         point = project(self._programs, self._projection, self._scaled, start)
         self.solves += point.solves
         if not point.residual <= self._acceptance.tolerance:
             return None
-        posture = self._scaled.posture(point)
+        posture = plan_of(self._problem, self._scaled, self._scaled.numbers, point)
         outcome = self._acceptance.answer(
             self._problem, Claim(found=posture), method=self._projection, clock=Clock.start()
         )

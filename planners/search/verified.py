@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from ..answer.answer import Answer, Status
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..answer.posture import Posture
 from ..errors import InvalidInput
 from ..files.validation import shown
 from ..plugins import foreign
@@ -28,12 +27,10 @@ from .either import Kind, kind_of
 if TYPE_CHECKING:
     from ..relaxation.envelope import EnvelopeSet
 
-Evidence = TypeVar("Evidence", Posture, Plan)
-Taken = TypeVar("Taken", Posture, Plan, Certificate)
+Taken = TypeVar("Taken", Plan, Certificate)
 ASKED: Mapping[Kind, str] = {"postures": "PostureProblem", "courses": "Course"}
 """The class, by its name of before, that ``solve`` is annotated with of a planner which answers this kind alone."""
 NUMBERS = {
-    Posture: ("com_m", "rotation_rad", "toes_m", "forces_n", "points_m", "point_forces_n"),
     Certificate: ("tree", "multipliers"),
     Plan: ("com_m", "rotation_rad", "toes_m", "choice", "forces_n", "points_m", "point_forces_n", "modes"),
 }
@@ -41,9 +38,9 @@ NUMBERS = {
 
 
 class VerifiedPlanner:
-    """A planner from elsewhere; its ``solve`` gives an ``Answer``, or a posture, a plan or a certificate alone.
+    """A planner from elsewhere; its ``solve`` gives an ``Answer``, or a plan or a certificate alone.
 
-    None, and an answer without evidence, is undecided, whatever it claims. A plan is taken for one of the course that
+    None, and an answer without evidence, is undecided, whatever it claims. A plan is taken for one of the problem that
     was asked for; bounds on its objective come without proof, and are left. called: what messages call it. envelopes:
     that it was made with. remake: a function that makes the planner anew with another time limit [s]; None where there
     is no such function.
@@ -73,20 +70,16 @@ class VerifiedPlanner:
             planner, self.name, self._acceptance, called=self._called, envelopes=self._envelopes, remake=self._remake
         )
 
-    def solve(self, problem: Problem) -> Answer[Any]:
+    def solve(self, problem: Problem) -> Answer[Plan]:
         """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that
         raises or answers another kind of question alone, and envelopes that were learned for other problems."""
         check_answers(self._planner, kind_of(problem), self._where)
         if self._envelopes is not None and problem.is_posture:
             self._envelopes.check_fits(problem)
         clock = Clock.start()
-        if not problem.is_posture:
-            planned, solves = _asked(self._planner, problem, self._where, Plan, course=problem)
-            clock.count(solves, 0.0)
-            return self._acceptance.answer(problem, planned, method=self.name, clock=clock)
-        held, solves = _asked(self._planner, problem, self._where, Posture)
+        claim, solves = _asked(self._planner, problem, self._where)
         clock.count(solves, 0.0)
-        return self._acceptance.answer(problem, held, method=self.name, clock=clock)
+        return self._acceptance.answer(problem, claim, method=self.name, clock=clock)
 
 
 def check_answers(planner: Any, kind: Kind, where: str) -> None:
@@ -109,18 +102,12 @@ def check_answers(planner: Any, kind: Kind, where: str) -> None:
         raise InvalidInput(f"{where}: expected a planner of {kind}, got one that answers {kinds.pop()} alone")
 
 
-def _asked(
-    planner: Any, subject: Any, where: str, kind: type[Evidence], **given: Any
-) -> tuple[Claim[Evidence], int]:
-    """What a planner claims, and how many solves it says that it took.
-
-    kind: of the evidence. given: what the evidence is made with. Raises InvalidInput.
-    """
+def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
+    """What a planner claims, and how many solves it says that it took. Raises InvalidInput."""
     with foreign(where):
-        found, rest, solves = planner.solve(deepcopy(subject)), dict[str, Any](), 0
-        if found is not None and not isinstance(found, Answer | kind | Certificate):
-            names = f"an Answer, a {kind.__name__}, a Certificate or None"
-            raise InvalidInput(f"{where}: expected {names}, got {_a(found)}")
+        found, rest, solves = planner.solve(deepcopy(problem)), dict[str, Any](), 0
+        if found is not None and not isinstance(found, Answer | Plan | Certificate):
+            raise InvalidInput(f"{where}: expected an Answer, a Plan, a Certificate or None, got {_a(found)}")
         evidence: Any
         certificate: Any
         evidence, certificate = (None, found) if isinstance(found, Certificate) else (found, None)
@@ -129,7 +116,7 @@ def _asked(
             rest["word"] = _text(found.claim, where) or Status(found.status).value
             rest["message"] = _text(found.message, where)
             rest["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
-        taken = _taken(kind, evidence, where, **given)
+        taken = _taken(Plan, evidence, where, problem=problem)
         return Claim(found=taken, certificate=_taken(Certificate, certificate, where), **rest), solves
 
 

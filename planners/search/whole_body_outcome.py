@@ -41,7 +41,7 @@ def with_whole_body(
     """
     if outcome.solution is None:
         return outcome
-    plan, details, course, bent = outcome.solution, dict(outcome.details), outcome.solution.course, True
+    plan, details, course, bent = outcome.solution, dict(outcome.details), outcome.solution.problem, True
     report: Report[Plan] | None = None
     try:
         check_time(deadline)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..files.arrays import checked
+from ..files.codec import Within, check_limits
 from .patch import Patch
 
 SLOPE_RAD = 0.6
@@ -18,6 +18,9 @@ CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
 REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "hole")
 """Why a surface is no foothold: its slope; something else within the clearance above it; a solid around it; off every
 plane; nearer to a border than the margin; narrower than a foot; not measured."""
+
+
+Length = Annotated[float, Within(least=0.0, most=10.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,18 +44,15 @@ class FootholdLimits:
         0.02
     """
 
-    slope_rad: float = SLOPE_RAD
-    clearance_m: float = CLEARANCE_M
-    margin_m: float = FOOT_M
-    width_m: float = FOOT_M
-    roughness_m: float = ROUGHNESS_M
-    noise_m: float = 0.0
+    slope_rad: Annotated[float, Within(least=0.0, most=np.pi)] = SLOPE_RAD
+    clearance_m: Length = CLEARANCE_M
+    margin_m: Length = FOOT_M
+    width_m: Length = FOOT_M
+    roughness_m: Annotated[float, Within(above=0.0, most=1.0)] = ROUGHNESS_M
+    noise_m: Length = 0.0
 
     def __post_init__(self) -> None:
-        checked(self.slope_rad, "slope_rad", least=0.0, most=np.pi)
-        for name in ("clearance_m", "margin_m", "width_m", "noise_m"):
-            checked(getattr(self, name), name, least=0.0, most=10.0)
-        checked(self.roughness_m, "roughness_m", above=0.0, most=1.0)
+        check_limits(self)
 
     @classmethod
     def for_foot(cls, radius_m: float, **others: float) -> FootholdLimits:

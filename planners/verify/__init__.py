@@ -1,6 +1,6 @@
 """The independent verifier: it knows the problem or course and the answer, and nothing of how the answer was made.
 
-``check_posture`` and ``check_plan`` judge answers, ``check_certificate`` proofs that there is none, of a posture
+``check_plan`` judges answers, ``check_certificate`` proofs that there is none, of a posture
 problem or of a course alike; ``explain`` says what such a proof gives as its reason. The batches, ``check_postures``
 and ``check_certificates``, give numbers in place of reports. No solver takes part in a verdict on contacts or on a
 proof, and no code of a planner in anything.
@@ -18,5 +18,4 @@ from .explanation import Relaxation as Relaxation
 from .joints import check_whole_body as check_whole_body
 from .plans import BETWEEN as BETWEEN
 from .plans import check_plan as check_plan
-from .postures import check_posture as check_posture
 from .postures import check_postures as check_postures

@@ -163,10 +163,10 @@ def check_bodies(
     from ..robot.bodies import Bodies
     from ..terrain.obstacles import Obstacles
 
-    bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
+    bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
     keys = bodies_report(bodies, np.arange(float(len(angles))), key_postures(plan, angles), deadline=deadline)
     found = keys.group("bodies")
-    if plan.course.uncarried:
+    if plan.problem.uncarried:
         return (found,)  # nobody asks for a motion
     unchecked = NO_ANGLES if plan.joints_rad is None else LATE if time.perf_counter() > deadline else ""
     if unchecked:
@@ -186,5 +186,5 @@ def check_bodies(
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
     """Of the foot that is farthest from its path."""
     row, limb = (int(i) for i in np.unravel_index(int(np.argmax(error_m)), error_m.shape))
-    name = plan.course.robot.limb_names[limb]
+    name = plan.problem.robot.limb_names[limb]
     return f"frame {frames[row]:.3g}: the foot of {name} stays {1e3 * error_m[row, limb]:.3g} mm from its path"

@@ -125,12 +125,12 @@ def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, 
     from ..robot.kinematics import Kinematics  # slow to import
 
     found = dict[str, Group]()
-    if plan.course.uncarried:
+    if plan.problem.uncarried:
         found["motion"] = Group("motion", unit="m", message=NOBODY_CARRIES, verdict="not asked for")
     try:
         if time.perf_counter() > deadline:
             raise InvalidInput(LATE)
-        solver = Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
+        solver = Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
         report = joint_report(plan, solver=solver)
         found["joints"], found["torque"] = report.groups
         found |= {group.name: group for group in check_bodies(plan, report.angles, solver, deadline=deadline)}
@@ -150,7 +150,7 @@ def joint_report(
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 
-    course = plan.course
+    course = plan.problem
     solver = solver or Kinematics(course.robot, servo, gravity_m_s2=course.gravity_m_s2)
     angles, error, limit, wrong = _postures(plan, solver, reached_m)
     torque = np.array(
@@ -198,7 +198,7 @@ def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, 
     from ..motion.plan_joints import normals_at, plan_angles
     from ..robot.rotation import rotation_of
 
-    course, frames = plan.course, list(range(plan.course.frames))
+    course, frames = plan.problem, list(range(plan.problem.frames))
     if plan.joints_rad is None:
         answers = plan_angles(plan, solver)
         angles = np.array([answer.angles for answer in answers])

@@ -173,7 +173,7 @@ def stance_margins(
     """
     programs: dict[int, _Program] = {}
     found = []
-    for stance in plan.course.stances:
+    for stance in plan.problem.stances:
         at = _contacts(plan, stance)
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
@@ -181,8 +181,8 @@ def stance_margins(
         found.append(
             StanceMargin(
                 frame=stance.frame,
-                limbs=tuple(plan.course.robot.limb_names[limb] for limb in stance.limbs),
-                push_n=push * plan.course.weight_n,
+                limbs=tuple(plan.problem.robot.limb_names[limb] for limb in stance.limbs),
+                push_n=push * plan.problem.weight_n,
                 support_m=math.nan if pushes_alone else _inner_distance(program.support(at, _shift(at.borne))),
                 friction_left=math.nan if pushes_alone else _friction_left(program, at),
             )
@@ -206,7 +206,7 @@ def support_region(plan: Plan, stance: Stance) -> Array:
 
 def verdict_yields_m(plan: Plan) -> float:
     """How far the verdict takes a plan's body to give way under a push as large as its weight [m]."""
-    return YIELDS * float(np.mean([limb.reach_m for limb in plan.course.robot.limbs]))
+    return YIELDS * float(np.mean([limb.reach_m for limb in plan.problem.robot.limbs]))
 
 
 def least_margins(plan: Plan) -> dict[str, StanceMargin]:
@@ -229,7 +229,7 @@ def margin_group(plan: Plan) -> Group:
     figures: dict[str, Any] = {}
     for name, margin in least.items():
         figures |= {name: getattr(margin, name), f"{name.rpartition('_')[0]}_frame": margin.frame}
-    weakest, wanted = least["push_n"], _asked_push(plan.course)
+    weakest, wanted = least["push_n"], _asked_push(plan.problem)
     if wanted > 0.0:
         weakest = min(stance_margins(plan, pushes_alone=True), key=lambda margin: margin.push_n)
     short = max(0.0, wanted - weakest.push_n)
@@ -244,7 +244,7 @@ def margin_group(plan: Plan) -> Group:
         where=" ".join(weakest.limbs),
         when=float(weakest.frame),
         message=message,
-        scale=plan.course.weight_n,
+        scale=plan.problem.weight_n,
         verdict="violated" if short > 0.0 else "holds",
         figures=figures,
     )
@@ -257,7 +257,7 @@ def _asked_push(course: Problem) -> float:
 
 def _contacts(plan: Plan, stance: Stance) -> _Contacts:
     """The contacts of a stance, on the patches that were chosen."""
-    course, holds = plan.course, plan.course.holds[stance.frame]
+    course, holds = plan.problem, plan.problem.holds[stance.frame]
     feet = [int(holds[limb]) for limb in stance.limbs]
     chosen = [course.patch(foot, plan.choice) for foot in feet]
     offsets = [course.offsets_m[foot][int(plan.choice[foot])] for foot in feet]

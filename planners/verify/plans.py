@@ -32,7 +32,7 @@ from .geometry import contact_frames, cross, exact_and_linear, length, patch_dis
 from .ground import off_terrain
 from .half_spaces import beyond, bowed, reach_rows, relative_rows
 from .joints import check_whole_body
-from .postures import refused, violation, worst_groups
+from .postures import posture_report, refused, violation, worst_groups
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
@@ -51,20 +51,22 @@ def check_plan(
     margins: bool = False,
     deadline: float = math.inf,
 ) -> Report[Plan]:
-    """Check every constraint of the course at the plan; never raises for a bad plan.
+    """Check every constraint of the problem at the plan; never raises for a bad plan.
 
-    tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
-    weight, moments in their product and angles in rad. joints: judge joints, torques and bodies, at key frames and on
-    the way between them, too. between: recompute points between the frames; without them, what convexity proves of the
-    way is taken as proved. margins: measure what every stance bears beyond its weight; of a course that asks for a push
-    they always are. deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
-    by then is not checked.
+    tolerance: largest violation allowed in any group, with lengths in the problem's length scale, forces in its force
+    scale, moments in their product and angles in rad. joints: judge joints, torques and bodies, at key frames and on
+    the way between them, too; of a posture contacts alone are judged. between: recompute points between the frames;
+    without them, what convexity proves of the way is taken as proved. margins: measure what every stance bears beyond
+    its weight; of a course that asks for a push they always are. deadline: of the whole body, when to stop
+    (``time.perf_counter()``); what was not looked at by then is not checked.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
-        return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
+        return refused(plan, tolerance, defect, frame=frame, limb=limb)
+    if plan.problem.is_posture:
+        return posture_report(plan, tolerance)
     body = check_whole_body(plan, deadline=deadline) if joints else NOT_ASKED
-    if margins or plan.course.push_n > 0.0:
+    if margins or plan.problem.push_n > 0.0:
         from .margins import margin_group  # Clarabel, of this alone
 
         body = (*body, margin_group(plan))
@@ -76,23 +78,23 @@ class _Sweep:
     """A plan's stances, and the points on its ways, measured at once."""
 
     def __init__(self, plan: Plan, tolerance: float) -> None:
-        self._plan, self._course, self._tolerance = plan, plan.course, tolerance
-        self._names = plan.course.robot.limb_names
-        self._who = Schedule.of_course(plan.course)
-        self._shoulders = np.array([limb.shoulder_m for limb in plan.course.robot.limbs])
-        self._reach = np.array([limb.reach_m for limb in plan.course.robot.limbs])
-        self._rows = reach_rows(plan.course.robot.limbs)
+        self._plan, self._course, self._tolerance = plan, plan.problem, tolerance
+        self._names = plan.problem.robot.limb_names
+        self._who = Schedule.of_course(plan.problem)
+        self._shoulders = np.array([limb.shoulder_m for limb in plan.problem.robot.limbs])
+        self._reach = np.array([limb.reach_m for limb in plan.problem.robot.limbs])
+        self._rows = reach_rows(plan.problem.robot.limbs)
         self._patches = [
-            put.candidates[int(chosen)] for put, chosen in zip(plan.course.footholds, plan.choice, strict=True)
+            put.candidates[int(chosen)] for put, chosen in zip(plan.problem.footholds, plan.choice, strict=True)
         ]
-        regions = [row[int(chosen)] for row, chosen in zip(plan.course.regions, plan.choice, strict=True)]
+        regions = [row[int(chosen)] for row, chosen in zip(plan.problem.regions, plan.choice, strict=True)]
         self._off_patch = patch_distances([region.vertices_m for region in regions], plan.toes_m)
-        self._points = counts_of(plan.course.robot.limbs)
+        self._points = counts_of(plan.problem.robot.limbs)
         self._forces, self._offsets = plan.forces_n[:, :, None], np.zeros((len(plan.toes_m), 1, 3))
         if self._points:
             self._on_soles(regions)
-        length_m = min(plan.course.length_scale_m, LARGEST_UNIT_M)
-        force_n = min(plan.course.force_n, plan.course.weight_n)
+        length_m = min(plan.problem.length_scale_m, LARGEST_UNIT_M)
+        force_n = min(plan.problem.force_n, plan.problem.weight_n)
         self._units = {"m": length_m, "N": force_n, "Nm": force_n * length_m, "rad": 1.0, "": 1.0}
         self._found = {name: self._group(name, 0.0) for name in PLAN_GROUPS}
 

@@ -1,4 +1,4 @@
-"""The verifier of postures: it knows the problem and the posture, not how the posture was made.
+"""The verifier of postures, plans of one frame: it knows the problem and the posture, not how the posture was made.
 
 It recomputes contact frames, rotation, balances, cones and reach from the problem's own numbers (``stances``).
 """
@@ -7,22 +7,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from typing import TypeVar
 
 import numpy as np
 
 from ..answer.plan import Plan
-from ..answer.posture import Posture
 from ..answer.report import GROUPS, PLAN_GROUPS, WHOLE_BODY, Group, Report
 from ..files.arrays import Array
-from ..problem import Problem
-from .defects import posture_defect
+from .defects import plan_defect
 from .geometry import exact_and_linear, length
 from .half_spaces import row_counts
 from .soles import counts_of
 from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
 
-Answered = TypeVar("Answered", bound=Posture | Plan)
 PARTS = {
     "force_balance": ("x", "y", "z"),
     "moment_balance": ("x", "y", "z"),
@@ -32,22 +28,20 @@ PARTS = {
 """What the columns of a group are called."""
 
 
-def check_posture(problem: Problem, posture: Posture, *, tolerance: float = 1e-6) -> Report[Posture]:
-    """Check every constraint of the problem at the posture; never raises for a bad posture.
+def posture_report(posture: Plan, tolerance: float) -> Report[Plan]:
+    """The report on the plan of a posture problem that has no defect.
 
-    tolerance: largest violation allowed in any group, with lengths in the length scale, forces in the force scale,
-    moments in their product and angles in rad. The two balances are judged by the Euclidean norm of what is left over.
+    tolerance: as of ``check_plan``, with lengths in the length scale, forces in the force scale, moments in their
+    product and angles in rad. The two balances are judged by the Euclidean norm of what is left over.
     """
-    defect = posture_defect(problem, posture)
-    if defect:
-        return refused(problem, posture, tolerance, defect)
+    problem = posture.problem
     with np.errstate(all="ignore"):
-        at = Stances.of_postures((problem,), (posture,))
+        at = Stances.of_postures((posture,))
         limb = Schedule.of_posture(row_counts(problem.contacts), counts_of(problem.contacts)).limb
         zeros = np.zeros(len(limb), dtype=np.intp)
         groups = worst_groups(at, violations(at), zeros, zeros, limb, problem.legs, tolerance)
     if not all(math.isfinite(group.value) for group in groups.values()):
-        return refused(problem, posture, tolerance, "the numbers overflow")
+        return refused(posture, tolerance, "the numbers overflow")
     exact, linear = exact_and_linear(at.rotation_rad[at.owner], at.shoulders_m)
     out = length(at.toes_m - at.com_m[at.owner] - exact) - at.reach_m
     figures = {
@@ -60,20 +54,17 @@ def check_posture(problem: Problem, posture: Posture, *, tolerance: float = 1e-6
     )
 
 
-def check_postures(
-    problems: Sequence[Problem], postures: Sequence[Posture], *, without: Collection[str] = ()
-) -> Array:
-    """The ``worst`` of ``check_posture`` for many at once, shape (B,); inf for what is no posture.
+def check_postures(postures: Sequence[Plan], *, without: Collection[str] = ()) -> Array:
+    """The ``worst`` of ``check_plan`` for many plans of posture problems at once, shape (B,); inf for what is none.
 
     Problems may have any number of contacts. without: groups that are left out, e.g. the moment balance for points of
     P̄. Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
     """
-    worst = np.full(len(problems), np.inf)
-    whole = [not posture_defect(*pair) for pair in zip(problems, postures, strict=True)]
-    rows = np.flatnonzero(whole).tolist()
+    worst = np.full(len(postures), np.inf)
+    rows = [k for k, posture in enumerate(postures) if not plan_defect(posture)[0]]
     if rows:
         with np.errstate(all="ignore"):
-            at = Stances.of_postures([problems[k] for k in rows], [postures[k] for k in rows])
+            at = Stances.of_postures([postures[k] for k in rows])
             found = violations(at)
             worst[rows] = worst_of(at, {group: values for group, values in found.items() if group not in without})
     return worst
@@ -162,27 +153,18 @@ def violation(
     )
 
 
-def refused(
-    subject: Problem,
-    answer: Answered,
-    tolerance: float,
-    defect: str,
-    *,
-    frame: int = -1,
-    limb: str = "",
-) -> Report[Answered]:
-    """The report on what is no posture or plan of the subject at all: every group is violated without bound.
+def refused(plan: Plan, tolerance: float, defect: str, *, frame: int = -1, limb: str = "") -> Report[Plan]:
+    """The report on what is no plan of its problem at all: every group is violated without bound.
 
     Arguments:
-        subject: problem or course.
-        answer: what was to be judged.
+        plan: what was to be judged.
         tolerance: as of ``Report``.
         defect: what is wrong, in words.
         frame, limb: where it is, −1 and empty where it is nowhere in particular.
     """
     when = None if frame < 0 else float(frame)
     figures = {"residual_nm": math.inf, "linearisation_m": math.nan, "exact_reach_m": math.nan}
-    of_plan = isinstance(answer, Plan)
+    of_plan = not plan.problem.is_posture
     if of_plan:
         figures |= {"between": math.inf, "goal_m": math.nan, "proved": 0}
     body = [Group(name, verdict="not asked for") for name in WHOLE_BODY if of_plan]
@@ -192,8 +174,8 @@ def refused(
     ]
     return Report(
         groups=(*violated, *body),
-        subject=subject,
-        answer=answer,
+        subject=plan.problem,
+        answer=plan,
         tolerance=tolerance,
         figures=figures,
         defect=defect,

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.posture import Posture
+from ..answer.plan import Plan
 from ..answer.report import GROUPS
 from ..files.arrays import Array, cached_arrays, locked
 from ..problem import Contact, Problem
@@ -165,8 +165,9 @@ class Stances:
     wrench: Array | None = None  # (S, 6), force [N] and moment about the centre of mass [Nm] beside the weight
 
     @staticmethod
-    def of_postures(problems: Sequence[Problem], postures: Sequence[Posture]) -> Stances:
-        """Postures, each of the shapes that its problem asks for, one a problem."""
+    def of_postures(postures: Sequence[Plan]) -> Stances:
+        """Plans of posture problems, each of the shapes that its problem asks for."""
+        problems = [posture.problem for posture in postures]
         contacts = [contact for problem in problems for contact in problem.contacts]
         owner = np.repeat(np.arange(len(problems)), [len(problem.contacts) for problem in problems])
         body = np.array(
@@ -182,19 +183,14 @@ class Stances:
         numbers = np.array([(contact.patch.friction, contact.reach_m) for contact in contacts])
         axes = np.array([(contact.patch.normal, contact.patch.shear_reference) for contact in contacts])
         rest = np.array([(contact.shoulder_m, contact.force_min, contact.force_max) for contact in contacts])
-        pose = np.array(
-            [
-                (a.com_m, a.rotation_rad, problem.com_nominal_m[0])
-                for problem, a in zip(problems, postures, strict=True)
-            ]
-        )  # fmt: skip
+        pose = np.array([(a.com_m[0], a.rotation_rad[0], a.problem.com_nominal_m[0]) for a in postures])
         toes = np.concatenate([posture.toes_m for posture in postures])
         bounds = rest[:, 1:] * scale[owner][:, None, None]
         whole = Stances(
             owner=owner, com_m=pose[:, 0], rotation_rad=pose[:, 1], com_nominal_m=pose[:, 2], com_radius_m=radius,
             tilt_limit_rad=tilt, weight_n=weight, length_m=np.minimum(length_m, LARGEST_UNIT_M),
             force_n=np.minimum(scale, weight), toes_m=toes,
-            forces_n=np.concatenate([posture.forces_n for posture in postures]),
+            forces_n=np.concatenate([posture.forces_n[0] for posture in postures]),
             frames=contact_frames(axes[:, 0], axes[:, 1]), friction=numbers[:, 0], shoulders_m=rest[:, 0],
             reach_m=numbers[:, 1], force_min_n=bounds[:, 0], force_max_n=bounds[:, 1],
             off_patch_m=patch_distances([contact.region.vertices_m for contact in contacts], toes),
@@ -203,7 +199,7 @@ class Stances:
         counts = counts_of(tuple(contacts))
         return whole._on_soles(contacts, counts, postures) if counts else whole
 
-    def _on_soles(self, contacts: Sequence[Contact], counts: tuple[int, ...], postures: Sequence[Posture]) -> Stances:
+    def _on_soles(self, contacts: Sequence[Contact], counts: tuple[int, ...], postures: Sequence[Plan]) -> Stances:
         """The same with a row for every point of every foot."""
         row = expanded(np.arange(len(contacts)), counts)[0]
         offsets, forces, off = [], [], []
@@ -230,11 +226,11 @@ def wrenches(problems: Sequence[Problem]) -> Array | None:
     return np.array([np.zeros(6) if problem.wrench is None else problem.wrench[0] for problem in problems])
 
 
-def _claims(posture: Posture) -> list[tuple[Array, Array] | None]:
+def _claims(posture: Plan) -> list[tuple[Array, Array] | None]:
     """Where the points of every foot are claimed to be, and the forces at them; None of a posture on point feet."""
     if posture.points_m is None or posture.point_forces_n is None:
         return [None] * len(posture.toes_m)
-    return list(zip(posture.points_m, posture.point_forces_n, strict=True))
+    return list(zip(posture.points_m, posture.point_forces_n[0], strict=True))
 
 
 def violations(at: Stances) -> dict[str, Array]:

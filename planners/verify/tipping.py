@@ -21,7 +21,7 @@ def tipping(plan: Plan, share: float = LEAST_PUSH, group: Group | None = None) -
         share: push that every stance has to bear, as a share of the weight; 0 for none.
         group: the verifier's word on the plan's margins, where it is known.
     """
-    course = plan.course
+    course = plan.problem
     if not course.robot.source.own or course.uncarried or share <= 0.0:
         return ""
     if group is None:

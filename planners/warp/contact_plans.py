@@ -132,10 +132,10 @@ def pushed_plan(warp: SplineMap, plan: Plan, start_xy_m: Array, yaw_rad: float =
     poses = [WarpedPose(warp=warp, com_bar_m=com, yaw_rad=yaw_rad) for com in com_bar]
     toes = warp.points(toes_bar)
     problems = []
-    for stance in plan.course.stances:
-        flat = plan.course.posture_problem(stance, plan.choice)
+    for stance in plan.problem.stances:
+        flat = plan.problem.posture_problem(stance, plan.choice)
         body = plan.com_m[stance.frame]
-        held = plan.course.holds[stance.frame]
+        held = plan.problem.holds[stance.frame]
         contacts = tuple(
             replace(contact, patch=_toe_patch(contact.patch, plan.toes_m[held[limb]] - body, toe_m))
             for contact, limb in zip(flat.contacts, stance.limbs, strict=True)
@@ -143,10 +143,10 @@ def pushed_plan(warp: SplineMap, plan: Plan, start_xy_m: Array, yaw_rad: float =
         level = flat.posture_with(contacts=contacts, com_nominal_m=np.zeros(3))
         problems.append(poses[stance.frame].problem(level))
     return KeyFrames(
-        limbs=tuple(limb.name for limb in plan.course.robot.limbs),
+        limbs=tuple(limb.name for limb in plan.problem.robot.limbs),
         com_m=np.array([pose.com_m for pose in poses]),
         rotation=np.array([pose.rotation for pose in poses]),
-        toes_m=np.array([toes[plan.course.holds[frame]] for frame in range(plan.course.frames)]),
+        toes_m=np.array([toes[plan.problem.holds[frame]] for frame in range(plan.problem.frames)]),
         problems=tuple(problems),
     )
 

@@ -166,9 +166,9 @@ class ClosedLoop:
         target, state = record.pairs[-1]
         places = list[tuple[Patch, NDArray[np.float64]]]()
         for limb in np.flatnonzero(self._fell):
-            patch = plan.course.patch(int(target.sample.foothold[limb]), plan.choice)
+            patch = plan.problem.patch(int(target.sample.foothold[limb]), plan.choice)
             places.append((patch, state.feet_m[limb]))
-            self._surfaces.append(f"limb {plan.course.robot.limb_names[limb]}: nothing at frame {self._frame}")
+            self._surfaces.append(f"limb {plan.problem.robot.limb_names[limb]}: nothing at frame {self._frame}")
             runner.decide("step back", self._surfaces[-1])
         back = step_back(runner, prepared, self._frame - begun, state)
         self._count(back, begun)
@@ -180,7 +180,7 @@ class ClosedLoop:
         """The next plan, from where the robot is measured to stand, or else from where it should."""
         index, plan = round(float(target.sample.frame)), before.motion.plan
         near = np.array(state.angles_rad if before.sees else target.angles_rad)
-        held = [plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index]]
+        held = [plan.problem.patch(int(p), plan.choice) for p in plan.problem.holds[index]]
         patches = tuple(patch.with_friction(patch.friction / self._planning.planned_share) for patch in held)
         ends = Standing(
             com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index), patches=patches,

@@ -155,7 +155,7 @@ class SlipRecovery:
 
     def _motion(self, plan: Plan, now: Samples, state: State, shares: Shares) -> StandingMotion:
         """Standing where the robot is, with forces for the first share that has any, else those of now."""
-        course, index = plan.course, round(float(now.frame))
+        course, index = plan.problem, round(float(now.frame))
         holds = course.holds[index]
         patches = [course.patch(int(foothold), plan.choice) for foothold in holds]
         normals, friction = (np.array([getattr(patch, name) for patch in patches]) for name in ("normal", "friction"))

@@ -16,4 +16,4 @@ def start_of(path: str | Path) -> tuple[tuple[str, ...], Array]:
     Raises InvalidInput for what is no plan file, and without pinocchio.
     """
     plan, _ = read_plan(path)
-    return joint_names(plan.course.robot), plan_angles(plan)[0].angles
+    return joint_names(plan.problem.robot), plan_angles(plan)[0].angles

@@ -23,7 +23,7 @@ def motion_bodies(plan: Plan, targets: Sequence[Target], kinematics: Kinematics)
 
     targets: of the whole motion, as ``joint_profile`` has them.
     """
-    bodies, some = Bodies(kinematics, Obstacles.of(plan.course.terrain)), list(spaced(targets))
+    bodies, some = Bodies(kinematics, Obstacles.of(plan.problem.terrain)), list(spaced(targets))
     frames = np.array([target.sample.frame for target in some])
     return bodies_report(bodies, frames, postures(some, kinematics), between=True)
 

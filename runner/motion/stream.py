@@ -46,7 +46,7 @@ def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
     try:
         match subject:
             case Plan():
-                kinematics = Kinematics(subject.course.robot, gravity_m_s2=subject.course.gravity_m_s2)
+                kinematics = Kinematics(subject.problem.robot, gravity_m_s2=subject.problem.gravity_m_s2)
                 drives, can = _of_file(kinematics)
                 motion, wished = unhurried_plan(subject, kinematics, can)
                 return timed_plan(motion, wished, kinematics, can, drives)

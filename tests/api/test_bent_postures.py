@@ -26,17 +26,16 @@ def test_postures_between_walls_are_bent_until_the_torque_is_enough() -> None:
             continue
         bent += 1
         plan = answer.solution
-        assert plan.course.robot.limb_names == tuple(sorted(problem.legs))
+        assert plan.problem.robot.limb_names == tuple(sorted(problem.legs))
         assert plan.joints_rad.shape == (1, 12)
         assert answer.report.group("torque").verdict == answer.report.group("bodies").verdict == "holds"
         assert answer.details["torque_nm"] <= 10.0
-        order = [plan.course.robot.limb_names.index(name) for name in problem.legs]
-        found = plan.posture(0)
-        posture = stancekit.Posture(
-            com_m=found.com_m, rotation_rad=found.rotation_rad, toes_m=found.toes_m[order],
-            forces_n=found.forces_n[order],
+        order = [plan.problem.robot.limb_names.index(name) for name in problem.legs]
+        posture = stancekit.Plan.of_posture(
+            problem, com_m=plan.com_m[0], rotation_rad=plan.rotation_rad[0], toes_m=plan.toes_m[order],
+            forces_n=plan.forces_n[0, order],
         )  # fmt: skip
-        assert stancekit.verify(problem, posture).accepted
+        assert stancekit.verify(posture).accepted
     assert bent >= held + 3
 
 

@@ -52,9 +52,9 @@ def test_plans_and_courses_come_back_and_a_plan_is_verified_as_it_is_written(pla
     again = stancekit.load(tmp_path / "plan.json", stancekit.Plan)
     np.testing.assert_array_equal(again.forces_n, plan.forces_n)
     assert json.loads((tmp_path / "plan.json").read_text())["verified"]
-    stancekit.save(plan.course, tmp_path / "course.json")
+    stancekit.save(plan.problem, tmp_path / "course.json")
     course = stancekit.load(tmp_path / "course.json", stancekit.Problem)
-    assert (course.name, course.frames, course.stances) == (plan.course.name, 2, plan.course.stances)
+    assert (course.name, course.frames, course.stances) == (plan.problem.name, 2, plan.problem.stances)
 
 
 def test_a_proof_comes_back_as_subject_and_certificate(problems, tmp_path):
@@ -119,6 +119,18 @@ def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
             stancekit.verify(subject, answer)
     with pytest.raises(stancekit.InvalidInput, match="expected no answer and no envelope with a Plan"):
         stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution)
+
+
+def test_a_posture_is_no_motion_and_has_no_file(tmp_path):
+    posture = stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution
+    for refuses, call in (
+        (r"\.json: expected the plan of a course, got that of", lambda: stancekit.save(posture, tmp_path / "a.json")),
+        ("^film: expected something that moves, got the plan of", lambda: stancekit.film(posture, tmp_path / "a.mp4")),
+        ("^posture: expected the plan of a course, got that of", lambda: stancekit.simulate(posture)),
+        ("expected no answer and no envelope with a Plan", lambda: stancekit.draw(posture, posture)),
+    ):
+        with pytest.raises(stancekit.InvalidInput, match=refuses):
+            call()
 
 
 def test_a_certificate_knows_what_it_is_a_proof_of_and_the_form_of_before_is_taken_with_a_warning(problems):

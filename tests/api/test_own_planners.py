@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import stancekit
-from stancekit import Answer, Posture, Status
+from stancekit import Answer, Plan, Status
 from stancekit.planners.search import methods
 from stancekit.planners.search.exact import ExactPlanner
 
@@ -28,12 +28,12 @@ class Says:
 
 
 @pytest.fixture(scope="module")
-def held() -> Answer[Posture]:
+def held() -> Answer[Plan]:
     return stancekit.solve(stancekit.sample("ground-3", rng=3)[0])
 
 
 @pytest.fixture(scope="module")
-def refuted() -> Answer[Posture]:
+def refuted() -> Answer[Plan]:
     return stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
 
 
@@ -71,7 +71,7 @@ def test_evidence_that_is_accepted_counts(held, refuted):
     [
         (
             "feasible",
-            "method mine: expected an Answer, a Posture, a Certificate or None, got a str, 'feasible'",
+            "method mine: expected an Answer, a Plan, a Certificate or None, got a str, 'feasible'",
         ),
         (KeyError("two\nlines"), r"method mine: KeyError: 'two\nlines'"),
     ],

@@ -42,7 +42,7 @@ def test_settings_that_have_no_use_are_refused(
 def test_a_world_that_was_made_before_pulls_as_the_plan_is_for(plan: stancekit.Plan) -> None:
     for gravity_m_s2, verb in ((1.62, stancekit.run), (1.62, stancekit.simulate)):
         world = WORLDS.get("mujoco").make(
-            WorldSettings(robot=plan.course.robot, gravity_m_s2=gravity_m_s2)
+            WorldSettings(robot=plan.problem.robot, gravity_m_s2=gravity_m_s2)
         )
         with pytest.raises(
             stancekit.InvalidInput,

@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plan = TwoStageCoursePlanner().solve(read_course("walls")).solution
     assert plan is not None
     write_plan(path / "plan.json", plan, check_plan(plan))
-    usual = nominal(joint_names(plan.course.robot), port="bus", latency_ms=40.0)
+    usual = nominal(joint_names(plan.problem.robot), port="bus", latency_ms=40.0)
     turned = {
         name: replace(
             each,
@@ -112,7 +112,7 @@ def test_the_servos_stand_as_the_plan_begins_by_the_calibration_file_and_are_gon
 
 
 def plan_robot(folder: Path) -> Robot:
-    return read_plan(folder / "plan.json")[0].course.robot
+    return read_plan(folder / "plan.json")[0].problem.robot
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,8 @@ class Centres:
             return None
         local = found.x[3:].reshape(count, 3)
         world = np.einsum("kij,kj->ki", frames, local)
-        return stancekit.Posture(com_m=found.x[:3], rotation_rad=np.zeros(3), toes_m=toes, forces_n=world)
+        return stancekit.Plan.of_posture(problem, com_m=found.x[:3], rotation_rad=np.zeros(3), toes_m=toes,
+                                         forces_n=world)
 
 
 def onward(programs, scaled, start, steps):

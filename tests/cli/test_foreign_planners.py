@@ -10,11 +10,11 @@ import pytest
 
 import stancekit as library
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.answer_file import answer_from_json
 from stancekit.planners.problem import Problem
 from stancekit.planners.search import methods
-from stancekit.planners.verify import check_certificate, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 LIARS = '''
 """Each is asked about one problem, and answers another."""
@@ -76,9 +76,9 @@ class Late(Planner):
     """Its posture is another one every other time that it is looked at."""
     def solve(self, problem):
         found = ExactPlanner().solve(problem).solution
-        class Shifting(stancekit.Posture):
+        class Shifting(stancekit.Plan):
             def to_json(self):
-                return {**stancekit.Posture.to_json(self), "com_m": [0.0, 0.0, 9.0]}
+                return {**stancekit.Plan.to_json(self), "com_m": [0.0, 0.0, 9.0]}
         return found and Shifting(**{name: value for name, value in vars(found).items()})
 
 class EasierCourse(Planner):
@@ -120,7 +120,7 @@ class Wordless(Exception):
         raise ValueError
 
 Text, Number, Table = returning("feasible"), returning(5), returning({"status": "feasible"})
-Empty, EmptyPosture = (returning(object.__new__(kind)) for kind in (stancekit.Answer, stancekit.Posture))
+Empty, EmptyPosture = (returning(object.__new__(kind)) for kind in (stancekit.Answer, stancekit.Plan))
 Raises, Leaves, LeavesQuietly = raising(ValueError("so\\nit is")), raising(SystemExit("bye")), raising(SystemExit(0))
 Piped, Deep, Silent = raising(BrokenPipeError("pipe")), raising(RecursionError("deep")), raising(Wordless())
 PostureText, ProofNumber, StatusText = said(solution="here"), said(certificate=3), said(status="maybe")
@@ -178,13 +178,13 @@ def test_whatever_a_planner_does_an_answer_is_one_to_the_problem_that_was_asked(
     assert {"feasible", "infeasible"} <= set(truth)
     for problem, line, true in zip(problems, ran.records, truth, strict=True):
         assert line["status"] in (true, "undecided")
-        answer = answer_from_json(line)
+        answer = answer_from_json(line, problem)
         if line["status"] == "feasible":
-            assert isinstance(answer, Posture)
-            assert check_posture(problem, answer).accepted
+            assert isinstance(answer, Plan)
+            assert check_plan(answer).accepted
         elif line["status"] == "infeasible":
             assert isinstance(answer, Certificate)
-            assert check_certificate(answer.of(problem)).accepted
+            assert check_certificate(answer).accepted
         assert problem.to_json() in sampled["wall-3"][:6]
     if name == "Late":
         assert "feasible" in [line["status"] for line in ran.records]
@@ -199,18 +199,18 @@ def test_a_planner_that_changes_its_course_plans_for_none_that_was_asked_for(lia
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("Text", "expected an Answer, a Posture, a Certificate or None, got a str, 'feasible'"),
-        ("Number", "expected an Answer, a Posture, a Certificate or None, got a int, 5"),
-        ("Table", "expected an Answer, a Posture, a Certificate or None, got a dict, "),
+        ("Text", "expected an Answer, a Plan, a Certificate or None, got a str, 'feasible'"),
+        ("Number", "expected an Answer, a Plan, a Certificate or None, got a int, 5"),
+        ("Table", "expected an Answer, a Plan, a Certificate or None, got a dict, "),
         ("Empty", "AttributeError: 'Answer' object has no attribute "),
-        ("EmptyPosture", "AttributeError: 'Posture' object has no attribute "),
+        ("EmptyPosture", "AttributeError: 'Plan' object has no attribute "),
         ("Raises", "ValueError: so it is"),
         ("Leaves", "SystemExit: bye"),
         ("LeavesQuietly", "SystemExit: 0"),
         ("Piped", "BrokenPipeError: pipe"),
         ("Deep", "RecursionError: deep"),
         ("Silent", "Wordless: "),
-        ("PostureText", "expected a Posture as evidence, got a str, 'here'"),
+        ("PostureText", "expected a Plan as evidence, got a str, 'here'"),
         ("ProofNumber", "expected a Certificate as evidence, got a int, 3"),
         ("StatusText", "ValueError: 'maybe' is not a valid Status"),
         ("Message", "expected text in its outcome, got a object, "),

@@ -97,7 +97,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert plan is not None
     stancekit.save(plan, folder / "climb.json")
     stancekit.label("wall-3", folder / "rows", rows=(1, 1))
-    joints = joint_names(plan.course.robot)
+    joints = joint_names(plan.problem.robot)
     nominal(joints, port="/dev/null").write(folder / "servos.yaml")
     names = "\n".join(f"  {name}: {{name: {name}}}" for name in joints)
     (folder / "ros.yaml").write_text(f"format: stancekit/ros/1\nrobot: hexapod\njoints:\n{names}\n")

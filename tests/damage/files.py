@@ -96,7 +96,7 @@ def _plans(folder: Path) -> None:
     write_proof(folder / "proof.json", refuted.of(icy))
     command(("run", "plan.json", "--world", "mujoco", "--rate-hz", "10", "--pace", "4", "--log", "long.mcap"))
     _shortened(folder / "long.mcap", folder / "run.mcap")
-    joints = joint_names(plan.course.robot)
+    joints = joint_names(plan.problem.robot)
     nominal(joints, port="/dev/none").write(folder / "servos.yaml")
     same_names(joints, host="127.0.0.1", port=1, timeout_s=0.1).write(folder / "ros.yaml")
 

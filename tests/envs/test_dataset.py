@@ -103,7 +103,7 @@ def test_a_point_is_p_and_f_of_its_witness(folder: Path) -> None:
     assert row.point is not None
     np.testing.assert_array_equal(Scaled.of(row.problem).point(row.posture), row.point)
     np.testing.assert_allclose(row.point[:, :3] * 0.6 + row.posture.com_m, row.posture.toes_m, atol=1e-12)
-    for contact, point, force in zip(row.problem.contacts, row.point, row.posture.forces_n, strict=True):
+    for contact, point, force in zip(row.problem.contacts, row.point, row.posture.forces_n[0], strict=True):
         np.testing.assert_allclose(98.1 * contact.patch.frame @ point[3:], force, atol=1e-9)
     with pytest.raises(ValueError, match="read-only"):
         row.point[0, 0] = 1.0

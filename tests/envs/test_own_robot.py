@@ -98,7 +98,7 @@ def test_a_traverse_is_walked_over_envelopes_learned_for_the_robots_own_legs(
     assert (info["refused"], info["feasible"], info["frame"], ended) == (0, 1, 2, True)
     walk = env.walk()
     assert check_plan(walk).accepted
-    assert walk.course.robot.identity == named_robot(files["robot"]).identity == learned[0].robot
+    assert walk.problem.robot.identity == named_robot(files["robot"]).identity == learned[0].robot
 
 
 def test_a_traverse_takes_another_robot_and_terrain_than_its_courses(folder: Path, files: dict[str, str]) -> None:

@@ -11,7 +11,7 @@ import pytest
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.pools import folder_of, pools
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.verify import check_certificate, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 SELECTION = "stancekit.envs:stancekit/EnvelopeSelection-v0"
 
@@ -23,7 +23,7 @@ def test_a_pool_is_half_feasible_and_its_proofs_hold(name: str) -> None:
     assert (len(data.feasible), len(data.infeasible), len(data)) == (250, 250, 500)
     for row in data.select(np.concatenate([data.feasible[:3], data.infeasible[:3]])).rows():
         if row.posture is not None:
-            assert check_posture(row.problem, row.posture).accepted
+            assert check_plan(row.posture).accepted
         else:
             assert row.certificate is not None
             assert check_certificate(row.certificate).accepted

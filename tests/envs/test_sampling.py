@@ -44,9 +44,9 @@ def test_blocks_change_nothing(law, balanced, count):
 def test_scenes_are_drawn_in_ever_larger_blocks_and_verified_together(monkeypatch):
     sizes = []
 
-    def check(problems, postures):
-        sizes.append(len(problems))
-        return check_postures(problems, postures)
+    def check(postures):
+        sizes.append(len(postures))
+        return check_postures(postures)
 
     monkeypatch.setattr(sampling, "check_postures", check)
     drawn(SampledScenes(WALL, balanced=False), 1 + 2 + 4 + 8 + 16 + 2 * MOST_AHEAD, np.random.default_rng(0))
@@ -106,9 +106,9 @@ def test_draws_that_cannot_be_repeated_are_drawn_when_they_are_asked_for():
 def test_a_claim_that_the_verifier_refuses_is_decided_again_by_itself(check, monkeypatch):
     refused = []
 
-    def refuse(*given):  # problems and postures, or certificates, which know their problems
-        refused.extend(given[-1])
-        return np.full(len(given[-1]), np.inf if check is check_postures else 0.0)
+    def refuse(given):
+        refused.extend(given)
+        return np.full(len(given), np.inf if check is check_postures else 0.0)
 
     expected = drawn(OneByOne(WALL), 12, np.random.default_rng(3))
     monkeypatch.setattr(sampling, check.__name__, refuse)

@@ -1,6 +1,7 @@
 """Every registered environment keeps Gymnasium's contract; EnvelopeSelection-v0 judges as the planners do."""
 
 import warnings
+from dataclasses import replace
 from importlib import import_module
 
 import gymnasium
@@ -17,7 +18,6 @@ from stancekit.envs.sampling import SampledScenes
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import VERTICES
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
@@ -332,7 +332,7 @@ def test_margins_are_those_of_the_verifier_and_told_when_asked_for(scenes):
         if scene.posture is None:
             assert not any(info[name] or info[f"expert_{name}"] for name in names)
             continue
-        plan = Plan.of_posture(scene.problem.course(), scene.posture)
+        plan = replace(scene.posture, problem=scene.problem.course())
         group = check_plan(plan, margins=True).group("margin")
         assert [info[f"expert_{name}"] for name in names] == pytest.approx([group.figures[name] for name in names])
         assert [before[f"expert_{name}"] for name in names] == [info[f"expert_{name}"] for name in names]

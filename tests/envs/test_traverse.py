@@ -133,7 +133,7 @@ def test_a_walk_with_fitting_planners_reaches_the_end_and_is_accepted_by_the_ver
     walk = env.walk()
     report = check_plan(walk)
     assert report.accepted, report.message
-    assert walk.course.frames == frames
+    assert walk.problem.frames == frames
     np.testing.assert_array_equal(seen[-1][-1]["com_m"], walk.com_m[-1])
     np.testing.assert_array_equal(seen[-1][-1]["toes_m"], walk.toes_at(frames - 1))
 
@@ -142,7 +142,7 @@ def test_the_reward_is_the_sum_of_its_terms_and_progress_is_the_share_of_the_way
     weights = TraverseWeights(progress=2.0, feasible=0.3, failure=0.7, solve=0.01)
     env = made(weights=weights)
     seen = played(env, 0, [LIFT, LIFT])
-    length = np.linalg.norm(np.diff(env.walk().course.com_nominal_m, axis=0), axis=1).sum()
+    length = np.linalg.norm(np.diff(env.walk().problem.com_nominal_m, axis=0), axis=1).sum()
     total = 0.0
     for _, reward, _, _, info in seen[1:]:
         assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
@@ -177,7 +177,7 @@ def test_steps_in_vain_are_cut_off():
     env = made(planners=[Mute()], patience=3)
     seen = played(env, 0, [0] * 5)
     assert [step[2:4] for step in seen[1:]] == [(False, False), (False, False), (False, True)]
-    assert env.walk().course.frames == 1
+    assert env.walk().problem.frames == 1
 
 
 def test_clocks_are_seen_only_when_asked_for():

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.verify import check_certificate, check_plan, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 
 from . import judge_walks, links, stances, walks
@@ -39,10 +39,10 @@ def families() -> Iterator[Family]:
         verdict=lambda one: _of_report(check_plan(one)), judge=stances.plan_fault,
     )  # fmt: skip
     yield Family(name="links", kinds=links.KINDS, verdict=links.verdict, judge=links.fault)
-    problem, posture = stances.honest_posture()
+    posture = stances.honest_posture()
     yield Family(
-        name="postures", kinds={name: partial(forge, problem, posture) for name, forge in stances.POSTURES.items()},
-        verdict=lambda pair: _of_report(check_posture(*pair)), judge=lambda pair: stances.posture_fault(*pair),
+        name="postures", kinds={name: partial(forge, posture) for name, forge in stances.POSTURES.items()},
+        verdict=lambda one: _of_report(check_plan(one)), judge=stances.posture_fault,
     )  # fmt: skip
     proofs = stances.proof_kinds()
     yield Family(

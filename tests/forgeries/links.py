@@ -132,9 +132,9 @@ KINDS: dict[str, Callable[[float, np.random.Generator], Strung]] = {
 def _motion(answer: Plan | Trajectory) -> tuple[RobotModel, Array]:
     """The robot's model, and its joints at the moments that the verifier looks at."""
     if isinstance(answer, Plan):
-        assert answer.course.robot.model is not None
-        solver = Kinematics(answer.course.robot, gravity_m_s2=answer.course.gravity_m_s2)
-        return answer.course.robot.model, JointPath(PlanPath(answer), solver).judged()[1].angles
+        assert answer.problem.robot.model is not None
+        solver = Kinematics(answer.problem.robot, gravity_m_s2=answer.problem.gravity_m_s2)
+        return answer.problem.robot.model, JointPath(PlanPath(answer), solver).judged()[1].angles
     assert answer.robot.model is not None
     body = WholeBodyMeasurements(TrajectoryMeasurements(answer))
     return answer.robot.model, body.spaced()[1].angles
@@ -143,7 +143,7 @@ def _motion(answer: Plan | Trajectory) -> tuple[RobotModel, Array]:
 def _with_model(answer: Plan | Trajectory, model: RobotModel) -> Any:
     if isinstance(answer, Trajectory):
         return replace(answer, robot=replace(answer.robot, model=model))
-    return replace(answer, course=replace(answer.course, robot=replace(answer.course.robot, model=model)))
+    return replace(answer, problem=replace(answer.problem, robot=replace(answer.problem.robot, model=model)))
 
 
 @cache

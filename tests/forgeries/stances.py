@@ -13,7 +13,6 @@ from stancekit.configs import config_path
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.posture import Posture
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
@@ -31,14 +30,14 @@ def honest_plan() -> Plan:
     return plan
 
 
-def honest_posture() -> tuple[Problem, Posture]:
+def honest_posture() -> Plan:
     """A problem on three patches with its witness."""
     rng = np.random.default_rng(3)
     while True:
         problem = distribution("ground-3").sample(rng)
         posture = ExactPlanner().solve(problem).solution
         if posture is not None:
-            return problem, posture
+            return posture
 
 
 # ------------------------------------------------------------------------------------------------------- judge
@@ -74,27 +73,28 @@ def contact_fault(toe: Array, force: Array, patch: Any, weight: float, length: f
     return ""
 
 
-def posture_fault(problem: Problem, posture: Posture) -> str:
+def posture_fault(posture: Plan) -> str:
     """Why nobody stands like that; empty where the judge does not know."""
+    problem, com, turn, forces = posture.problem, posture.com_m[0], posture.rotation_rad[0], posture.forces_n[0]
     length, weight = problem.length_scale_m, problem.weight_n
     room = 1.5 * TOLERANCE * length
-    if np.linalg.norm(posture.com_m - problem.com_nominal_m[0]) > problem.com_radius_m[0] + room:
+    if np.linalg.norm(com - problem.com_nominal_m[0]) > problem.com_radius_m[0] + room:
         return "the body is elsewhere"
-    if abs(posture.rotation_rad).max() > problem.tilt_limit_rad + 1.5 * TOLERANCE:
+    if abs(turn).max() > problem.tilt_limit_rad + 1.5 * TOLERANCE:
         return "the body is tilted"
-    for contact, toe, force in zip(problem.contacts, posture.toes_m, posture.forces_n, strict=True):
-        shoulder = posture.com_m + contact.shoulder_m + np.cross(posture.rotation_rad, contact.shoulder_m)
+    for contact, toe, force in zip(problem.contacts, posture.toes_m, forces, strict=True):
+        shoulder = com + contact.shoulder_m + np.cross(turn, contact.shoulder_m)
         if np.linalg.norm(toe - shoulder) > contact.reach_m + room:
             return "a limb is too short"
         bounds = contact.force_min * weight, contact.force_max * weight
         if reason := contact_fault(toe, force, contact.patch, weight, length, bounds):
             return reason
-    return stance_fault(posture.com_m, posture.rotation_rad, posture.toes_m, posture.forces_n, weight, length)
+    return stance_fault(com, turn, posture.toes_m, forces, weight, length)
 
 
 def plan_fault(plan: Plan) -> str:
     """Why nobody climbs like that; empty where the judge does not know."""
-    course, length, weight = plan.course, plan.course.length_scale_m, plan.course.weight_n
+    course, length, weight = plan.problem, plan.problem.length_scale_m, plan.problem.weight_n
     room = 1.5 * TOLERANCE * length
     if (np.linalg.norm(plan.com_m - course.com_nominal_m, axis=1) > course.com_radius_m + room).any():
         return "the body is elsewhere"
@@ -133,15 +133,11 @@ def plan_fault(plan: Plan) -> str:
 def _moved(name: str, change: Callable[[Any, Array, float, np.random.Generator], Array]) -> Callable[..., Any]:
     """A forgery of one array of a plan or a posture."""
 
-    def forge(subject: Any, *rest: Any) -> Any:
-        *answer, size, rng = rest
-        thing = answer[0] if answer else subject
-        scale = subject.weight_n if answer else subject.course.weight_n
-        length = subject.length_scale_m if answer else subject.course.length_scale_m
-        array = np.array(getattr(thing, name))
+    def forge(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
+        scale, length = plan.problem.weight_n, plan.problem.length_scale_m
+        array = np.array(getattr(plan, name))
         unit = TOLERANCE * size * (scale if name == "forces_n" else 1.0 if name == "rotation_rad" else length)
-        forged = replace(thing, **{name: change(subject, array, unit, rng)})
-        return (subject, forged) if answer else forged
+        return replace(plan, **{name: change(plan, array, unit, rng)})
 
     return forge
 
@@ -168,7 +164,7 @@ def _light(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Array
 
 
 def _couple(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Array:
-    stance = array if array.ndim == 2 else array[rng.integers(len(array))]
+    stance = array[rng.integers(len(array))]
     first, second = np.flatnonzero(abs(stance).max(axis=1) > 0.0)[:2]
     push = 30.0 * unit * _way(rng)
     stance[first] += push
@@ -177,7 +173,7 @@ def _couple(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Arra
 
 
 def _pulling(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Array:
-    stance = array if array.ndim == 2 else array[rng.integers(len(array))]
+    stance = array[rng.integers(len(array))]
     at = np.flatnonzero(abs(stance).max(axis=1) > 0.0)[0]
     stance[at] = -1e6 * unit * 1e-4 * stance[at] / np.linalg.norm(stance[at])
     return array
@@ -201,20 +197,20 @@ def _far_toe(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Arr
 
 
 def _body(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Array:
-    body = array if array.ndim == 1 else array[rng.integers(len(array))]
+    body = array[rng.integers(len(array))]
     body[rng.integers(2)] += 40.0 * unit * rng.choice([-1.0, 1.0])
     return array
 
 
 def _far_body(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Array:
-    body = array if array.ndim == 1 else array[rng.integers(len(array))]
+    body = array[rng.integers(len(array))]
     body += (0.3 + unit) * _way(rng)
     return array
 
 
-def _tilt(subject: Any, array: Array, unit: float, rng: np.random.Generator) -> Array:
-    limit = subject.tilt_limit_rad if isinstance(subject, Problem) else subject.course.tilt_limit_rad
-    body = array if array.ndim == 1 else array[rng.integers(len(array))]
+def _tilt(plan: Plan, array: Array, unit: float, rng: np.random.Generator) -> Array:
+    limit = plan.problem.tilt_limit_rad
+    body = array[rng.integers(len(array))]
     body[rng.integers(3)] = rng.choice([-1.0, 1.0]) * (limit + unit)
     return array
 
@@ -237,10 +233,10 @@ POSTURES = SHARED
 
 def _idle(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
     forces = np.array(plan.forces_n)
-    rows = [row for row, one in enumerate(plan.course.stances) if len(one.limbs) < forces.shape[1]]
+    rows = [row for row, one in enumerate(plan.problem.stances) if len(one.limbs) < forces.shape[1]]
     row = rows[rng.integers(len(rows))]
-    limb = next(k for k in range(forces.shape[1]) if k not in plan.course.stances[row].limbs)
-    forces[row, limb] = size * TOLERANCE * plan.course.weight_n * _way(rng)
+    limb = next(k for k in range(forces.shape[1]) if k not in plan.problem.stances[row].limbs)
+    forces[row, limb] = size * TOLERANCE * plan.problem.weight_n * _way(rng)
     return replace(plan, forces_n=forces)
 
 
@@ -256,14 +252,14 @@ def _icy(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
     """The patches of a foothold without friction: another task under the same answer."""
     footholds = tuple(
         replace(one, candidates=tuple(patch.with_friction(patch.friction / (3.0 * size)) for patch in one.candidates))
-        for one in plan.course.footholds
+        for one in plan.problem.footholds
     )
-    return replace(plan, course=replace(plan.course, footholds=footholds))
+    return replace(plan, problem=replace(plan.problem, footholds=footholds))
 
 
 def _heavier(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
-    robot = replace(plan.course.robot, mass_kg=plan.course.robot.mass_kg * (1.0 + 2.0 * TOLERANCE * size))
-    return replace(plan, course=replace(plan.course, robot=robot))
+    robot = replace(plan.problem.robot, mass_kg=plan.problem.robot.mass_kg * (1.0 + 2.0 * TOLERANCE * size))
+    return replace(plan, problem=replace(plan.problem, robot=robot))
 
 
 PLANS: dict[str, Callable[..., Any]] = SHARED | {
@@ -281,12 +277,12 @@ PLANS: dict[str, Callable[..., Any]] = SHARED | {
 def has_witness(problem: Problem) -> bool:
     """Whether the judge finds nothing wrong with a posture: then no proof of the contrary is one."""
     posture = ExactPlanner().solve(problem).solution
-    return posture is not None and posture_fault(problem, posture) == ""
+    return posture is not None and posture_fault(posture) == ""
 
 
 def proof_kinds() -> dict[str, Callable[..., Any]]:
     """Proofs about icy patches, put to the problem with its friction, which has a posture."""
-    problem, _ = honest_posture()
+    problem = honest_posture().problem
     for friction in (0.2, 0.1, 0.05, 0.02, 0.0):
         contacts = tuple(replace(one, patch=one.patch.with_friction(friction)) for one in problem.contacts)
         proof = ExactPlanner().solve(problem.posture_with(contacts=contacts)).certificate

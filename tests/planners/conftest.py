@@ -78,7 +78,7 @@ def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
         forces[row, limbs, 2] = course.weight_n * np.linalg.pinv(balance) @ [1.0, *com[stance.frame, :2]]
     choice = [len(foothold.candidates) - 1 for foothold in footholds]
     return Plan(
-        course=course, com_m=com, rotation_rad=np.zeros((frames, 3)), toes_m=toes, choice=choice, forces_n=forces,
+        problem=course, com_m=com, rotation_rad=np.zeros((frames, 3)), toes_m=toes, choice=choice, forces_n=forces,
         provenance={"method": "closed form"},
     )  # fmt: skip
 

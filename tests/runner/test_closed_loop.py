@@ -94,9 +94,9 @@ def test_where_bodies_can_do_one_key_frame_at_a_time_that_is_what_is_planned(mon
     prepare, decide = Runner.prepare, Runner.decide
 
     def refuse(self: Runner, accepted: Any, resumption: Any = None) -> Any:
-        if resumption is not None and accepted.plan.course.frames > 2:
+        if resumption is not None and accepted.plan.problem.frames > 2:
             raise InvalidInput("expected a motion in which no bodies collide")
-        prepared.append(accepted.plan.course.frames)
+        prepared.append(accepted.plan.problem.frames)
         return prepare(self, accepted, resumption)
 
     def note(self: Runner, what: str, why: str) -> None:

@@ -75,7 +75,7 @@ def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reporte
 ) -> None:
     plan = step("walls")
     settings = RunSettings(check_limits=False)
-    run = executed(plan, settings=settings, terrain=slippery(plan.course, 0.2).terrain)
+    run = executed(plan, settings=settings, terrain=slippery(plan.problem, 0.2).terrain)
     assert not run.succeeded
     assert run.fallen_s is not None
     assert run.message.startswith(f"fell after {run.fallen_s:.2f} s, at frame ")

@@ -39,7 +39,7 @@ def state_of(angles: np.ndarray) -> State:
 
 
 def test_joints_that_go_where_they_are_sent_say_where_the_body_is(step: Callable[[str], Plan]) -> None:
-    kinematics = Kinematics(step("walls").course.robot)
+    kinematics = Kinematics(step("walls").problem.robot)
     targets = joint_profile(PlanMotion(step("walls")), kinematics).targets
     record = Record(pairs=[(target, state_of(target.angles_rad)) for target in targets])
     origins, rotations = leg_odometry(record, kinematics)
@@ -52,7 +52,7 @@ def test_joints_that_go_where_they_are_sent_say_where_the_body_is(step: Callable
 
 
 def test_a_body_that_sank_is_seen_by_the_joints_of_the_feet_that_stand(step: Callable[[str], Plan]) -> None:
-    kinematics = Kinematics(step("walls").course.robot)
+    kinematics = Kinematics(step("walls").problem.robot)
     targets = joint_profile(PlanMotion(step("walls")), kinematics).targets[:20]
     sunk = np.array([0.0, 0.0, -0.01])
     pairs = [(targets[0], state_of(targets[0].angles_rad))]
@@ -67,7 +67,7 @@ def test_a_body_that_sank_is_seen_by_the_joints_of_the_feet_that_stand(step: Cal
 
 def test_it_says_what_a_world_measures_where_a_blind_run_goes(step: Callable[[str], Plan]) -> None:
     plan = step("stairs")
-    world, kept = make_world("mujoco", plan.course.robot), Record()
+    world, kept = make_world("mujoco", plan.problem.robot), Record()
     runner = Runner(world, settings=RunSettings(check_limits=False, blind=True))
     prepared = runner.prepare(Accepted.verified(plan, "a step"))
 

@@ -37,7 +37,7 @@ def plan(step: Callable[[str], Plan]) -> Plan:
 
 @pytest.fixture(scope="module")
 def targets(plan: Plan) -> list[Target]:
-    return undisturbed(PlanMotion(plan), Kinematics(plan.course.robot))
+    return undisturbed(PlanMotion(plan), Kinematics(plan.problem.robot))
 
 
 def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(targets: list[Target]) -> None:
@@ -53,14 +53,14 @@ def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(targe
 
 def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(plan: Plan, targets: list[Target]) -> None:
     """The motion moves the middles of round feet; a plan's toes are the points that touch."""
-    first = postures(targets[:1], Kinematics(plan.course.robot))
+    first = postures(targets[:1], Kinematics(plan.problem.robot))
     np.testing.assert_allclose(first.toes_m[0], plan.toes_at(0), atol=1e-9)
     assert first.stands.all()
 
 
 def test_the_motion_that_is_run_is_the_one_that_is_judged(plan: Plan) -> None:
     """The tracker's postures at 100 Hz against those of the path at the same times: bodies to .2 mm, joints to 1°."""
-    solver = Kinematics(plan.course.robot)
+    solver = Kinematics(plan.problem.robot)
     whole = with_joints(plan, solver)
     motion = PlanMotion(whole)
     targets = undisturbed(motion, solver)
@@ -74,13 +74,13 @@ def test_the_motion_that_is_run_is_the_one_that_is_judged(plan: Plan) -> None:
 def test_a_motion_through_something_is_refused_before_anything_moves(plan: Plan) -> None:
     """The trunk's front goes into a plate that is ahead of it at the first key frame."""
     whole = with_joints(plan)
-    radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in plan.course.robot.limbs])
+    radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in plan.problem.robot.limbs])
     front = plan.com_m[-1] + [radius - 0.006, 0.0, 0.0]
     assert front[0] > plan.com_m[0, 0] + radius + TOUCH_M
     corners = front + 0.02 * np.array([(0, -1, -1), (0, -1, 1), (0, 1, 1), (0, 1, -1)])
     sign = Patch(vertices_m=corners, normal=[-1, 0, 0], shear_reference=[0, 1, 0], friction=0.5)
-    course = replace(plan.course, terrain=(*plan.course.terrain, sign))
-    lit, bare = replace(whole, course=course), replace(plan, course=course)
+    course = replace(plan.problem, terrain=(*plan.problem.terrain, sign))
+    lit, bare = replace(whole, problem=course), replace(plan, problem=course)
     assert check_plan(lit).accepted
     report = check_plan(lit, joints=True)
     assert report.group("motion").verdict == "violated"
@@ -89,7 +89,7 @@ def test_a_motion_through_something_is_refused_before_anything_moves(plan: Plan)
     shift = report.group("joints").figures["shift_m"]
     assert report.group("motion").figures["depth_m"] == pytest.approx(0.006, abs=shift)
     assert shift < 0.015
-    assert 0.0 < report.group("motion").figures["worst"]["frame"] <= plan.course.frames - 1
+    assert 0.0 < report.group("motion").figures["worst"]["frame"] <= plan.problem.frames - 1
     assert check_plan(whole, joints=True).group("motion").verdict == "holds"
     with pytest.raises(InvalidInput, match=r"sign: expected a plan that the verifier accepts, .* bodies collide"):
         Accepted.verified(lit, "sign")

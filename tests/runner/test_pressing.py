@@ -23,7 +23,7 @@ def added(course: str, deaf: int | None = None, **settings: float) -> tuple[Arra
     """
     plan = TwoStageCoursePlanner().solve(read_course(course, frames=2)).solution
     assert plan is not None
-    motion, kinematics = PlanMotion(plan), Kinematics(plan.course.robot)
+    motion, kinematics = PlanMotion(plan), Kinematics(plan.problem.robot)
     felt = 0.5 * motion.at(0.0).forces_n
     if deaf is not None:
         felt[deaf] = 0.0

@@ -54,7 +54,7 @@ def test_the_way_through_a_table_is_the_cheapest_of_all(near: Array | None) -> N
 
 
 def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
-    kinematics = Kinematics(plan.course.robot)
+    kinematics = Kinematics(plan.problem.robot)
     fast, slow = (RedundancyResolution(PlanMotion(plan, Timing().at_pace(pace)), kinematics) for pace in (1.0, 0.5))
     for time_s in np.linspace(0.0, PlanMotion(plan).duration_s, 23):
         np.testing.assert_allclose(fast.at(time_s), slow.at(2.0 * time_s), atol=1e-6)
@@ -63,7 +63,7 @@ def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
 def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_torques() -> None:
     plan = TwoStageCoursePlanner().solve(read_course("walls", frames=4)).solution
     assert plan is not None
-    kinematics = Kinematics(plan.course.robot)
+    kinematics = Kinematics(plan.problem.robot)
     bent = whole_body(plan, WholeBodyLimits(torque_nm=10.0), kinematics)
     assert bent.plan.joints_rad is not None
 
@@ -84,7 +84,7 @@ def twisted(plan: Plan) -> Plan:
 
 
 def test_a_limb_that_would_jump_between_a_plans_own_angles_is_led_round_and_stands_as_planned(plan: Plan) -> None:
-    kinematics = Kinematics(plan.course.robot)
+    kinematics = Kinematics(plan.problem.robot)
     motion = PlanMotion(twisted(plan))
     own = JointPath(motion.path, kinematics).postures(motion.moments(motion.knots_s)).angles
     assert np.abs(np.diff(own, axis=0)).max() > JUMP_RAD
@@ -101,7 +101,7 @@ def test_a_swing_by_way_of_comfortable_postures_ends_in_the_plans_own(
     plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("stancekit.planners.motion.joints.STRAY_M", -1.0)  # as if no limb followed its foot's path
-    kinematics, motion = Kinematics(plan.course.robot), PlanMotion(twisted(plan))
+    kinematics, motion = Kinematics(plan.problem.robot), PlanMotion(twisted(plan))
     path = JointPath(motion.path, kinematics)
     moments = motion.moments(motion.knots_s)
     angles = path.postures(moments).angles
@@ -114,7 +114,7 @@ def test_a_swing_by_way_of_comfortable_postures_ends_in_the_plans_own(
 
 
 def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:
-    robot = plan.course.robot
+    robot = plan.problem.robot
     motion, kinematics = PlanMotion(plan), Kinematics(robot)
     alone = RedundancyResolution(motion, kinematics).at(0.0)
     other = alone.copy()

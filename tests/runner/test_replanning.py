@@ -29,7 +29,7 @@ COURSE = read_course("walls", frames=3)
 def standing() -> Standing:
     plan = PLANNER.solve(COURSE).solution
     assert plan is not None
-    patches = tuple(plan.course.patch(int(index), plan.choice) for index in plan.course.holds[0])
+    patches = tuple(plan.problem.patch(int(index), plan.choice) for index in plan.problem.holds[0])
     return Standing(com_m=plan.com_m[0], rotation_rad=plan.rotation_rad[0], toes_m=plan.toes_at(0), patches=patches)
 
 
@@ -56,7 +56,7 @@ def replanner(planner: Unless) -> tuple[Replanner, list[str]]:
 
 
 def lifted(plan: Plan) -> list[int]:
-    return [len(names) for names in plan.course.lifts]
+    return [len(names) for names in plan.problem.lifts]
 
 
 def test_where_three_feet_together_cannot_be_lifted_one_after_the_other_is(standing: Standing) -> None:
@@ -80,13 +80,13 @@ def test_what_comes_after_the_end_is_given_up_last(standing: Standing) -> None:
     planner = Unless(lambda course: bool(course.next_lift))
     planning, decided = replanner(planner)
     plan = planning.plan(0, standing).plan
-    assert (lifted(plan), plan.course.next_lift) == ([0, 3, 3], ())
+    assert (lifted(plan), plan.problem.next_lift) == ([0, 3, 3], ())
     assert decided[0].startswith("no step after the last")
 
 
 def test_a_course_that_has_a_plan_stays_as_it_is(standing: Standing) -> None:
     planning, decided = replanner(Unless(lambda course: False))
-    assert planning.plan(0, standing).plan.course.lifts == COURSE.lifts
+    assert planning.plan(0, standing).plan.problem.lifts == COURSE.lifts
     assert planning.course is COURSE
     assert decided == ["planned: counting on 1.00 of the course's friction"]
 

@@ -45,7 +45,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
     for snippet in snippets:
         exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
     for world, setup in (("ros", "ros.yaml"), ("dynamixel", "servos.yaml")):
-        made = make_world(world, plan.course.robot, setup=Path(setup))
+        made = make_world(world, plan.problem.robot, setup=Path(setup))
         accepted.check_fits(made)
         made.close()
 

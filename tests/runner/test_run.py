@@ -50,7 +50,7 @@ def lifted(accepted: Accepted) -> tuple[Array, Array]:
 
 
 def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_as_asked(accepted: Accepted) -> None:
-    runner, course = Runner(MemoryWorld()), accepted.plan.course
+    runner, course = Runner(MemoryWorld()), accepted.plan.problem
     usual = runner.prepare(accepted)
     carried_n = usual.motion.at(usual.motion.rest_s).forces_n
     runner.world.reset(course.terrain, usual.first.angles_rad, usual.first.origin_m, np.eye(3))
@@ -63,7 +63,7 @@ def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_
 
 
 def test_all_feet_carry_at_the_beginning_and_those_that_lift_hand_over_while_all_is_at_rest(accepted: Accepted) -> None:
-    motion, course = Runner(MemoryWorld()).prepare(accepted).motion, accepted.plan.course
+    motion, course = Runner(MemoryWorld()).prepare(accepted).motion, accepted.plan.problem
     lifted = [course.robot.limb_names.index(name) for name in course.lifts[1]]
     begin, handed = (motion.at(time_s) for time_s in (0.0, motion.rest_s))
     np.testing.assert_array_equal(begin.feet_m, handed.feet_m)
@@ -81,7 +81,7 @@ def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_a
     accepted: Accepted,
 ) -> None:
     world = MemoryWorld()
-    runner, course = Runner(world), accepted.plan.course
+    runner, course = Runner(world), accepted.plan.problem
     kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     first = runner.prepare(accepted).first
     off = np.random.default_rng(0).uniform(-0.01, 0.01, len(first.targets_rad))
@@ -291,7 +291,7 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
     from stancekit.runner.worlds import make_world
     from stancekit.views.tracking_plot import draw_tracking
 
-    path, course = tmp_path / "run.mcap", accepted.plan.course
+    path, course = tmp_path / "run.mcap", accepted.plan.problem
     with McapLog(path) as log:
         report = Runner(make_world("mujoco", course.robot), settings=FAST, log=log).run(accepted)
     assert report.succeeded, report.message
@@ -318,7 +318,7 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
 def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) -> None:
     from stancekit.runner.worlds import make_world
 
-    course = accepted.plan.course
+    course = accepted.plan.problem
     for name, said in (
         ("replay", "setup: expected a log with world replay, got none"),
         ("dynamixel", "setup: expected a calibration file with world dynamixel, got none"),
@@ -338,7 +338,7 @@ def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, t
     from stancekit.runner.worlds.dynamixel.calibration import nominal
     from stancekit.runner.worlds.ros.setup import same_names
 
-    course, joints = accepted.plan.course, joint_names(accepted.plan.course.robot)
+    course, joints = accepted.plan.problem, joint_names(accepted.plan.problem.robot)
     setup = tmp_path / "setup.yaml"
     for who in (None, "hexapod"):
         nominal(joints, port="none", robot=who).write(setup)
@@ -361,8 +361,8 @@ def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accept
     from stancekit.runner.worlds.drives import Imperfections
 
     for deaf in ((), (1,)):
-        world = make_world("mujoco", accepted.plan.course.robot, imperfections=Imperfections(deaf=deaf))
+        world = make_world("mujoco", accepted.plan.problem.robot, imperfections=Imperfections(deaf=deaf))
         report = Runner(world, settings=FAST).run(accepted)
         assert report.succeeded is (not deaf), report.message
-        name = accepted.plan.course.robot.limb_names[1]
+        name = accepted.plan.problem.robot.limb_names[1]
         assert report.message.startswith(f"foot of {name}: expected ") is bool(deaf)

@@ -76,7 +76,7 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
 ) -> None:
     monkeypatch.setattr(port, "WRITE_S", 2.0)  # the emulator has its turn when a loaded machine gives it one
     accepted, simulated = Accepted.verified(light(), "light"), Sent()
-    robot = accepted.plan.course.robot
+    robot = accepted.plan.problem.robot
     world = make_world("mujoco", robot, rate_hz=RATE_HZ, actuators=SERVOS)
     report = Runner(world, settings=RunSettings(blind=True), log=simulated).run(accepted)
     assert report.succeeded, report.message
@@ -100,7 +100,7 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
 
 def test_the_guard_counts_no_load_as_deviation_whether_feet_feel_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
     accepted, log = Accepted.verified(light(), "light"), Sent()
-    world = make_world("mujoco", accepted.plan.course.robot, actuators=SERVOS)
+    world = make_world("mujoco", accepted.plan.problem.robot, actuators=SERVOS)
     runner = Runner(world, settings=RunSettings(check_limits=False), log=log)
     leans, step = list[Any](), runner.world.step
 
@@ -122,7 +122,7 @@ def test_a_robot_between_walls_stands_by_the_loads_that_it_is_sent(
     step: Any, monkeypatch: pytest.MonkeyPatch, yields: bool, stands: bool
 ) -> None:
     accepted = Accepted.verified(step("walls"), "walls")
-    world = make_world("mujoco", accepted.plan.course.robot)
+    world = make_world("mujoco", accepted.plan.problem.robot)
     runner = Runner(world, settings=RunSettings(blind=True, check_limits=False))
     monkeypatch.setitem(vars(runner.world), "drives", replace(runner.world.drives, yields=yields))
     report = runner.run(accepted)

@@ -209,7 +209,7 @@ def test_feet_that_feel_hold_a_robot_between_walls_that_yield_and_joints_alone_d
     accepted, soft = Accepted.verified(plan, "walls"), SoftContact(stiffness_n_m=2e4)
     stood = []
     for blind in (False, True):
-        world = make_world(name, plan.course.robot, contact=soft)
+        world = make_world(name, plan.problem.robot, contact=soft)
         report = Runner(world, settings=RunSettings(blind=blind)).run(accepted)
         stood.append(report.succeeded)
         if not blind:

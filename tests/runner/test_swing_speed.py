@@ -95,7 +95,7 @@ def test_a_leg_that_comes_from_elsewhere_goes_along_with_what_it_follows_and_the
 
 
 def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures_are_far_apart(plan: Plan) -> None:
-    kinematics, motion = Kinematics(plan.course.robot), PlanMotion(twisted(plan))
+    kinematics, motion = Kinematics(plan.problem.robot), PlanMotion(twisted(plan))
     profile = joint_profile(motion, kinematics)
     air = np.array([target.sample.foothold for target in profile.targets]) < 0
     flies = np.repeat(air[1:] & air[:-1], 4, axis=1)
@@ -107,14 +107,14 @@ def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures
 
 
 def test_a_gait_waits_for_no_leg(plan: Plan) -> None:
-    kinematics, motion = Kinematics(plan.course.robot, Servo(velocity_rad_s=1.0)), PlanMotion(twisted(plan))
+    kinematics, motion = Kinematics(plan.problem.robot, Servo(velocity_rad_s=1.0)), PlanMotion(twisted(plan))
     waits, steady = (len(undisturbed(motion, kinematics, feedback=how)) for how in (BLIND, STEADY))
     assert 0.0 <= steady - 1 - motion.duration_s * RATE_HZ <= 1.0 + 1e-6
     assert waits > steady + 2
 
 
 def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
-    kinematics, motion = Kinematics(plan.course.robot), PlanMotion(twisted(plan))
+    kinematics, motion = Kinematics(plan.problem.robot), PlanMotion(twisted(plan))
     wished = resolved(motion, kinematics)
     slow = np.full(24, 0.4)
     longer = unhurried(motion, wished, slow, np.inf)
@@ -133,7 +133,7 @@ def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
 
 def test_what_is_expected_is_of_the_moment_that_comes(step: Callable[[str], Plan]) -> None:
     """A motion that waits has another time than the clock has."""
-    kinematics, motion = Kinematics(step("walls").course.robot), PlanMotion(step("walls"))
+    kinematics, motion = Kinematics(step("walls").problem.robot), PlanMotion(step("walls"))
     tracker = Tracker(motion, kinematics, 100.0, drives=Drives.of(kinematics.robot, kinematics.servo, kinematics.model))
     tracker.start()
     coming = tracker.coming

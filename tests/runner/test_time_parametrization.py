@@ -43,7 +43,7 @@ def plan(step: Callable[[str], Plan]) -> Plan:
 
 @pytest.fixture(scope="module")
 def kinematics(plan: Plan) -> Kinematics:
-    return Kinematics(plan.course.robot)
+    return Kinematics(plan.problem.robot)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
 
     limbs, sample = _Limbs(kinematics, kinematics.rotor_kg_m2), PlanMotion(plan).at(0.0)
     pin = pinocchio()
-    model = pin.buildModelFromXML(hexapod_urdf(plan.course.robot))  # the body stays where it is
+    model = pin.buildModelFromXML(hexapod_urdf(plan.problem.robot))  # the body stays where it is
     data = model.createData()
     air = replace(sample, foothold=np.full(6, -1))
     rng = np.random.default_rng(0)
@@ -216,7 +216,7 @@ def test_every_soft_start_that_is_found_keeps_feet_out_of_surfaces(
     sample = motion.at(0.0)
     rotation = rotation_of(sample.rotation_rad)
     pose = sample.com_m - rotation @ kinematics.com_offset(first), rotation
-    walls = [(patch.normal, patch.vertices_m[0]) for patch in plan.course.terrain if abs(patch.normal[1]) > 0.9]
+    walls = [(patch.normal, patch.vertices_m[0]) for patch in plan.problem.terrain if abs(patch.normal[1]) > 0.9]
     kinds = []
     for _ in range(12):
         along = rng.uniform(-0.12, 0.12, (6, 3)) * [1.0, 0.0, 1.0]

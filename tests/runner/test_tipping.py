@@ -59,7 +59,7 @@ def accepted(file: Path) -> Accepted:
 
 
 def prepare(accepted: Accepted, **settings: object) -> None:
-    course = accepted.plan.course
+    course = accepted.plan.problem
     with make_world("mujoco", course.robot, gravity_m_s2=course.gravity_m_s2) as world:
         Runner(world, settings=RunSettings(**settings)).prepare(accepted)  # type: ignore[arg-type]
 
@@ -89,8 +89,8 @@ def test_the_verifier_accepts_it(accepted: Accepted) -> None:
     report = check_plan(accepted.plan, margins=True)
     assert report.accepted
     push_n = report.group(MARGIN).figures["push_n"]
-    assert tipping(accepted.plan, 1.01 * push_n / accepted.plan.course.weight_n)
-    assert not tipping(accepted.plan, 0.99 * push_n / accepted.plan.course.weight_n)
+    assert tipping(accepted.plan, 1.01 * push_n / accepted.plan.problem.weight_n)
+    assert not tipping(accepted.plan, 0.99 * push_n / accepted.plan.problem.weight_n)
 
 
 def test_robots_without_legs_of_a_file_are_not_limited() -> None:

@@ -86,7 +86,7 @@ def test_the_page_holds_everything_that_it_shows(plan_page, walk_page):
 
 def test_names_are_text_and_no_markup(plan, walk_page):
     shown = page_of(
-        PlanView(replace(plan, course=replace(plan.course, name="<script>alert(1)</script>"))).film(step_s=0.2)
+        PlanView(replace(plan, problem=replace(plan.problem, name="<script>alert(1)</script>"))).film(step_s=0.2)
     )
     assert "<script>alert" not in shown
     assert "&lt;script&gt;alert" in shown

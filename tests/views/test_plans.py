@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.verify import check_posture
+from stancekit.planners.verify import check_plan
 from stancekit.views.plans import PlanView, draw_plan, frame_count, ghosts, plan_frames
 from stancekit.views.sheet import check_picture, save, to_rgb
 from stancekit.views.terrain import ICE, cells
@@ -35,8 +35,8 @@ def test_the_picture_has_ice_and_friction_and_changes_with_the_frame(plan):
 
 
 def test_without_ice_there_is_none(plan):
-    rough = replace(plan.course, terrain=tuple(replace(patch, friction=0.8) for patch in plan.course.terrain))
-    shown = to_rgb(draw_plan(replace(plan, course=rough), size_px=(600, 500)))
+    rough = replace(plan.problem, terrain=tuple(replace(patch, friction=0.8) for patch in plan.problem.terrain))
+    shown = to_rgb(draw_plan(replace(plan, problem=rough), size_px=(600, 500)))
     bluish = (shown[..., 2].astype(int) - shown[..., 0] > 15) & (shown[..., 2] > 180)
     assert bluish.mean() < 0.01
 
@@ -76,7 +76,7 @@ def test_ghosts_are_other_frames_and_few(plan):
 
 def test_cells_cover_their_patch_and_no_more(plan):
     box = np.array([[-9.0] * 3, [9.0] * 3])
-    for patch in plan.course.terrain[:5]:
+    for patch in plan.problem.terrain[:5]:
         parts = [cell for _, cell in cells(patch, box)]
         assert sum(area(part) for part in parts) == pytest.approx(area(patch.vertices_m), rel=1e-9)
         assert all(np.abs((part - patch.centre_m) @ patch.normal).max() < 1e-9 for part in parts)
@@ -92,13 +92,13 @@ def test_cells_stay_in_the_bounds(plan):
 
 def test_the_viewer_sees_the_faces_of_both_walls(plan):
     camera = PlanView(plan).camera
-    for patch in plan.course.terrain:
+    for patch in plan.problem.terrain:
         if patch.centre_m[2] < 0.3:
             assert camera.facing(patch.centre_m + 0.3 * patch.normal, patch.normal) > -0.3
 
 
 def test_a_stance_holds_the_robot_at_every_moment_of_the_film(plan):
-    course, view = plan.course, PlanView(plan)
+    course, view = plan.problem, PlanView(plan)
     times = view.shown_s(41)
     assert times[-1] > 3.0
     for time_s in times:
@@ -119,12 +119,11 @@ def test_key_frames_are_those_of_the_plan(plan):
         assert np.allclose(there.com_m, plan.com_m[k], atol=1e-12)
     first = view.motion.at(0.5)
     assert np.allclose(first.toes_m, plan.toes_at(0), atol=1e-12)  # only the load shifts
-    problem = plan.course.posture_problem(plan.course.stances[0], plan.choice)
-    assert check_posture(problem, plan.posture(0)).accepted
+    assert check_plan(plan.posture(0)).accepted
 
 
 def test_a_toe_on_its_track_is_off_both_its_patches(plan):
-    path, course = PlanView(plan).keys.path, plan.course
+    path, course = PlanView(plan).keys.path, plan.problem
     swung = [p for p, put in enumerate(course.footholds) if put.frame]
     assert swung
     for p in swung:
@@ -150,7 +149,7 @@ def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan):
         for arrow in scene.arrows:
             assert arrow.vector_m == pytest.approx(view.metres_a_newton * forces[arrow.name])
         filled = {name for name in bodies if name.startswith("chosen ")}
-        assert filled == {f"chosen {p}" for p in plan.course.holds[frame].tolist()}
+        assert filled == {f"chosen {p}" for p in plan.problem.holds[frame].tolist()}
 
 
 def test_a_cone_holds_every_force_of_its_friction_and_no_other(plan):
@@ -202,7 +201,7 @@ def area(polygon):
 def test_one_frame_and_no_terrain_are_drawn_too():
     plan = TwoStageCoursePlanner().solve(read_course("walls", 1)).solution
     assert plan is not None
-    bare = replace(plan, course=replace(plan.course, terrain=()))
+    bare = replace(plan, problem=replace(plan.problem, terrain=()))
     for shown in (plan, bare):
         assert to_rgb(draw_plan(shown, size_px=(400, 300))).std() > 10.0
         assert frame_count(shown) == 21

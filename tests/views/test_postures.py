@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -15,7 +16,7 @@ from matplotlib.image import imread
 from numpy.typing import NDArray
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.envelope import Envelope
@@ -27,7 +28,7 @@ from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save, to_rgb
 
 SMALL = (480, 360)
-Solved = Mapping[str, tuple[Problem, Posture]]
+Solved = Mapping[str, tuple[Problem, Plan]]
 ROWS = (
     ComparisonBar(selector="heuristic", values={"P1 correct feasible": 0.81, "fix-p": 0.58}, paper={"fix-p": 0.6075}),
     ComparisonBar(selector="neural", values={"P1 correct feasible": 0.975, "P1 correct infeasible": 0.92}),
@@ -138,7 +139,7 @@ def test_it_says_who_holds_what_with_which_force(solved: Solved) -> None:
     problem, posture = solved["wall-3"]
     said = texts(draw_posture(problem, posture, size_px=SMALL))
     assert "held by three limbs, 98.1 N" in said
-    for leg, force in zip(problem.legs, posture.forces_n, strict=True):
+    for leg, force in zip(problem.legs, posture.forces_n[0], strict=True):
         assert f"{leg} {np.linalg.norm(force):.0f} N" in said
     assert "friction μ" in said
 
@@ -168,7 +169,7 @@ def test_a_caption_is_never_read_as_mathematics(solved: Solved) -> None:
 def test_odd_scenes_are_drawn_too(changes: dict[str, object]) -> None:
     problem = one_limb(**changes)
     toes, forces = np.array([[0.0, 0.0, -0.3]]), np.array([[0.0, 0.0, 98.1]])
-    posture = Posture(com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces)
+    posture = Plan.of_posture(problem, com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces)
     figure = draw_posture(problem, posture, envelope=envelope(1, half=4.0), size_px=SMALL)
     assert "held by one limb, 98.1 N" in texts(figure)
     assert ink(to_rgb(figure)) > 0.02
@@ -178,8 +179,8 @@ def test_odd_scenes_are_drawn_too(changes: dict[str, object]) -> None:
     ("broken", "message"),
     [
         ({"toes_m": np.zeros((2, 3))}, "posture: toes_m: expected shape (3, 3), got (2, 3)"),
-        ({"forces_n": np.zeros((3, 2))}, "posture: forces_n: expected shape (3, 3), got (3, 2)"),
-        ({"com_m": np.array([0.0, np.nan, 0.0])}, "posture: com_m: expected finite numbers, got [0.0, nan, 0.0]"),
+        ({"forces_n": np.zeros((1, 3, 2))}, "posture: forces_n: expected shape (1, 3, 3), got (1, 3, 2)"),
+        ({"com_m": np.array([[0.0, np.nan, 0.0]])}, "posture: com_m: expected finite numbers, got [[0.0, nan, 0.0]]"),
     ],
 )
 def test_a_posture_that_does_not_fit_is_refused(
@@ -187,7 +188,7 @@ def test_a_posture_that_does_not_fit_is_refused(
 ) -> None:
     problem, posture = solved["wall-3"]
     with pytest.raises(InvalidInput) as refusal:
-        draw_posture(problem, Posture(**{**posture.__dict__, **broken}))
+        draw_posture(problem, replace(posture, **broken))
     assert str(refusal.value) == message
 
 

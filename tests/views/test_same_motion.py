@@ -87,8 +87,8 @@ def test_a_walk_of_a_robot_without_joints_is_shown_on_the_same_path_at_the_same_
 
 def test_a_plan_that_the_runner_refuses_is_shown_on_the_path_that_it_stands_for() -> None:
     plan = planned("walls")
-    robot = replace(plan.course.robot, mass_kg=20.0 * plan.course.robot.mass_kg)
-    heavy = replace(plan, course=replace(plan.course, robot=robot), forces_n=20.0 * plan.forces_n)
+    robot = replace(plan.problem.robot, mass_kg=20.0 * plan.problem.robot.mass_kg)
+    heavy = replace(plan, problem=replace(plan.problem, robot=robot), forces_n=20.0 * plan.forces_n)
     light, shown = PlanView(plan), PlanView(heavy)
     assert isinstance(light.motion, TimedMotion)
     assert isinstance(shown.motion, PlanMotion)

@@ -44,7 +44,7 @@ class Pictures:
 
     def view(self, plan: Plan) -> PlanView:
         """A plan as something to look at."""
-        return PlanView(plan, drawn_as=self.shape(plan.course.robot))
+        return PlanView(plan, drawn_as=self.shape(plan.problem.robot))
 
     def ground(self, course: Problem) -> Scene:
         """The surfaces about the path, in the tints of their friction."""
@@ -68,7 +68,7 @@ class Pictures:
     def found(self, view: PlanView) -> Scene:
         """The way of a plan, the tracks of its toes, and its robot at some key frames in thin lines."""
         scene = _between(view.way) + view.tracks
-        for k in ghosts(view.plan, view.plan.course.frames - 1):
+        for k in ghosts(view.plan, view.plan.problem.frames - 1):
             ghost = view.ghost(view.keys.key(k))
             scene += Scene(paths=ghost.paths)
         return scene

@@ -191,9 +191,9 @@ class Playground:
         scene, names = self._pictures.moment(view, now)
         self._stage.pose(scene)
         self._stage.show(names, "/names")
-        where = f"key frame {at} of {view.plan.course.frames - 1}"
+        where = f"key frame {at} of {view.plan.problem.frames - 1}"
         title = where if rests else f"between key frames {int(self._player.at)} and {int(self._player.at) + 1}"
-        self._limbs.content = limb_table(loads(view.plan, now, self._legs(view.plan.course)), title)
+        self._limbs.content = limb_table(loads(view.plan, now, self._legs(view.plan.problem)), title)
 
     def _legs(self, course: Problem) -> Kinematics | None:
         """The solver for the robot, made once."""

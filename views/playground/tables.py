@@ -45,7 +45,7 @@ def loads(plan: Plan, now: Samples, solver: Kinematics | None) -> list[LimbLoad]
     """What every limb gives at a time. solver: of the plan's robot; without it no torque is known."""
     found = list[LimbLoad]()
     torques, shares = _torques(plan, now, solver)
-    for i, name in enumerate(plan.course.robot.limb_names):
+    for i, name in enumerate(plan.problem.robot.limb_names):
         force = now.forces_n[i]
         found.append(LimbLoad(
             name=name, force_n=float(np.linalg.norm(force)),
@@ -66,7 +66,7 @@ def cone_share(force_n: Array, normal: Array, friction: float) -> float:
 
 def margins(plan: Plan) -> tuple[float, int, str]:
     """The largest share of a friction cone that any stance uses, its key frame, and its limb."""
-    course, worst = plan.course, (0.0, 0, "")
+    course, worst = plan.problem, (0.0, 0, "")
     for stance, forces in zip(course.stances, plan.forces_n, strict=True):
         for i in stance.limbs:
             patch = course.patch(int(course.holds[stance.frame, i]), plan.choice)
@@ -78,7 +78,7 @@ def margins(plan: Plan) -> tuple[float, int, str]:
 
 def _torques(plan: Plan, now: Samples, solver: Kinematics | None) -> tuple[list[float], list[float]]:
     """By limb the torque of the joint that has the least in hand [Nm], and its share of the joint's limit."""
-    count = len(plan.course.robot.limbs)
+    count = len(plan.problem.robot.limbs)
     if solver is None:
         return [float("nan")] * count, [float("nan")] * count
     angles = now.angles_rad
@@ -174,7 +174,7 @@ def summary(answer: SceneAnswer) -> str:
     plan = answer.plan
     if plan is None:
         return ""
-    course = plan.course
+    course = plan.problem
     share, frame, limb = margins(plan)
     to_goal = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
     rows = [

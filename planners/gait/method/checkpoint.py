@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ...answer.trajectory import robot_to_json
 from ...files.archive import read_archive
 from ...files.arrays import Array
 from ...files.writing import remove_leftovers, write_bytes
@@ -99,7 +98,7 @@ def _digest(task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt],
     for array in task.terrain.to_arrays().values():
         content.update(np.ascontiguousarray(array).tobytes())
     asked = {
-        "robot": robot_to_json(task.robot),
+        "robot": task.robot.to_json(),
         "start": task.start_xy_m.tolist(),
         "goal": task.goal_xy_m.tolist(),
         "rest": [*task.yaws(), task.duration_s, task.friction, task.adhesive, task.timings],

@@ -15,7 +15,7 @@ from stancekit.learners.proposers.training import ProposerSettings, train_propos
 from stancekit.learners.selectors.network import Architecture
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.equilibrium.batch import ScaledBatch
+from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.search.batch import solve_all
 from stancekit.planners.search.exact import ExactPlanner
@@ -59,11 +59,11 @@ def test_a_claimed_posture_breaks_what_the_verifier_says_it_breaks(name):
     said = (torch.tensor(rng.normal(size=(20, contacts, 6))), torch.tensor(rng.normal(size=(20, 6))))
     found = witness.claims(scenes, *said)
     parts = {key: getattr(found, key).numpy() for key in ("com", "rotation", "toes", "forces")}
-    postures = scaled.postures(type("Points", (), {**parts, "__len__": lambda self: 20})())
+    postures = scaled.plans(PointBatch(**parts), batch.problems)
     ours = found.violation.amax(dim=1).numpy()
     assert (ours > 1e-3).any()
     bounds = ("force_bounds",)  # the shear's are the verifier's alone
-    theirs = check_postures(batch.problems, postures, without=bounds)
+    theirs = check_postures(postures, without=bounds)
     cones = found.violation.reshape(20, 4, contacts)[:, [0, 3]].amax(dim=(1, 2)).numpy()
     np.testing.assert_allclose(theirs, np.maximum(cones, 0.0), atol=1e-8)
 

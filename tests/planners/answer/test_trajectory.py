@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
+from stancekit.planners.answer.trajectory import SAMPLES, Trajectory, robot_from_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import check_file, is_trajectory, read_trajectory, write_trajectory
 from stancekit.planners.robot.single_body import hexapod_walker
@@ -101,8 +101,8 @@ def _nudged(array):
 
 
 def test_a_robot_comes_back_from_json():
-    record = json.loads(json.dumps(robot_to_json(hexapod_walker())))
-    assert robot_to_json(robot_from_json(record)) == record
+    record = json.loads(json.dumps(hexapod_walker().to_json()))
+    assert robot_from_json(record).to_json() == record
     for spoilt in ({}, [], {**record, "feet": [{}]}, {**record, "mass_kg": -1.0}, {**record, "wheels": 4}):
         with pytest.raises(InvalidInput, match=r"^robot: "):
             robot_from_json(spoilt)

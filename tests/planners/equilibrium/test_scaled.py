@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.planners.equilibrium.scaled import Point, Scaled, skew
+from stancekit.planners.search.answer import plan_of
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -138,9 +139,10 @@ def test_units_come_off_and_on_again(mixed, seed):
     problem = replace(mixed(seed, (3, 4, 5)), force_scale_n=37.0, length_scale_m=0.41)
     scaled, rng = Scaled.of(problem), np.random.default_rng(seed)
     com, toes, forces = rng.normal(size=3), rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    posture = scaled.posture(Point(com=com[None], rotation=np.zeros((1, 3)), toes=toes, forces=forces, residual=0.0))
-    np.testing.assert_allclose(posture.com_m, 0.41 * com)
-    for contact, mine, force in zip(problem.contacts, posture.forces_n, forces, strict=True):
+    point = Point(com=com[None], rotation=np.zeros((1, 3)), toes=toes, forces=forces, residual=0.0)
+    posture = plan_of(problem, scaled, scaled.numbers, point)
+    np.testing.assert_allclose(posture.com_m, 0.41 * com[None])
+    for contact, mine, force in zip(problem.contacts, posture.forces_n[0], forces, strict=True):
         n, y, z = contact.patch.frame.T
         np.testing.assert_allclose(mine, 37.0 * (force[0] * n + force[1] * y + force[2] * z), atol=1e-12)
     np.testing.assert_allclose(scaled.point(posture), np.hstack([toes - com, forces]), atol=1e-12)

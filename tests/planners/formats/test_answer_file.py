@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.answer.answer import UNBOUNDED, Answer, Status
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import parse_json, read_text
 from stancekit.planners.files.writing import write_bytes, write_text
@@ -26,7 +27,7 @@ from stancekit.planners.formats.answer_file import (
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.posture import TwoStagePlanner
-from stancekit.planners.verify import check_certificate, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 
 def refusal(call, *values):
@@ -270,15 +271,15 @@ def test_an_outcome_is_strict_json_that_can_be_checked(outcomes, name, proof):
         outcome.effort.solves,
         outcome.effort.seconds,
     )
-    answer = answer_from_json(record)
+    answer = answer_from_json(record, problem)
     if name == "feasible":
-        assert isinstance(answer, Posture)
-        assert check_posture(problem, answer).accepted
+        assert isinstance(answer, Plan)
+        assert check_plan(answer).accepted
         assert record["residual"] == outcome.residual
         assert "certificate" not in record
     elif name in ("infeasible", "trivial"):
         assert ("certificate" in record) == proof
-        assert answer is None or check_certificate(answer.of(problem)).figures["lower_bound"] == outcome.bound
+        assert answer is None or check_certificate(answer).figures["lower_bound"] == outcome.bound
         assert record["lower_bound"] == (UNBOUNDED if name == "trivial" else outcome.bound)
         assert record["residual"] is None
     else:
@@ -301,6 +302,7 @@ def test_numbers_that_are_none_become_null():
     assert (record["residual"], record["residual_nm"], record["lower_bound"]) == (None, None, UNBOUNDED)
 
 
+ASKED = distribution("wall-3").sample(np.random.default_rng(0))
 WITNESS = {"com_m": [0, 0, 0], "rotation_rad": [0, 0, 0], "toes_m": [[0, 0, 0]], "forces_n": [[0, 0, 98.1]]}
 
 
@@ -326,7 +328,7 @@ WITNESS = {"com_m": [0, 0, 0], "rotation_rad": [0, 0, 0], "toes_m": [[0, 0, 0]],
     ],
 )
 def test_an_answer_that_cannot_be_read_is_named(data, message):
-    assert refusal(answer_from_json, data) == message
+    assert refusal(answer_from_json, data, ASKED) == message
 
 
 @pytest.mark.parametrize(
@@ -335,12 +337,12 @@ def test_an_answer_that_cannot_be_read_is_named(data, message):
     ids=["posture", "certificate"],
 )
 def test_an_answer_with_integers_beyond_all_floats_is_refused(data):
-    assert "expected" in refusal(answer_from_json, data)
+    assert "expected" in refusal(answer_from_json, data, ASKED)
 
 
 def test_an_answer_without_posture_or_certificate_claims_nothing():
-    assert answer_from_json({"status": "undecided"}) is None
-    assert answer_from_json({"certificate": None}) is None
-    assert isinstance(answer_from_json(WITNESS), Posture)
+    assert answer_from_json({"status": "undecided"}, ASKED) is None
+    assert answer_from_json({"certificate": None}, ASKED) is None
+    assert isinstance(answer_from_json(WITNESS, ASKED), Plan)
     proof = Certificate(tree=[[0, 0, 0, 0, 0]], multipliers=np.ones((1, 9)))
-    assert isinstance(answer_from_json({"certificate": proof.to_json(), **WITNESS}), Certificate)
+    assert isinstance(answer_from_json({"certificate": proof.to_json(), **WITNESS}, ASKED), Certificate)

@@ -81,7 +81,7 @@ def test_a_plan_is_the_same_to_the_last_bit_when_read_back(written):
     again, header = read_plan(path)
     for name, array in plan_arrays(plan).items():
         assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
-    assert course_to_json(again.course) == course_to_json(plan.course)
+    assert course_to_json(again.problem) == course_to_json(plan.problem)
     assert again.provenance == plan.provenance
     assert (header["format"], header["verified"]) == ("stancekit/plan/3", True)
     assert header["verdict"]["digest"] == check_plan(again).digest

@@ -37,7 +37,7 @@ def times(motion: PlanMotion) -> np.ndarray:
 
 
 def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: PlanMotion) -> None:
-    course = motion.plan.course
+    course = motion.plan.problem
     for time in times(motion):
         now = motion.at(float(time))
         air = ~now.stands
@@ -48,7 +48,7 @@ def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: PlanMotion
 
 
 def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
-    course, choice = motion.plan.course, motion.plan.choice
+    course, choice = motion.plan.problem, motion.plan.choice
     for time in times(motion):
         now = motion.at(float(time))
         for foothold, force in zip(now.foothold, now.forces_n, strict=True):
@@ -59,7 +59,7 @@ def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
 
 
 def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_in_balance(motion: PlanMotion) -> None:
-    first, weight = motion.at(0.0), motion.plan.course.weight_n
+    first, weight = motion.at(0.0), motion.plan.problem.weight_n
     assert not first.forces_n.any(axis=1).all()  # some of them are about to lift
     share = np.linalg.lstsq(  # all feet push straight up, which balances level ground, too
         np.vstack([np.ones(6), (first.feet_m - first.com_m)[:, :2].T]), [weight, 0.0, 0.0], rcond=None
@@ -99,7 +99,7 @@ def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: PlanMotion
     end = motion.at(motion.duration_s + 1.0)
     np.testing.assert_allclose(end.com_m, motion.plan.com_m[-1])
     np.testing.assert_allclose(end.rotation_rad, motion.plan.rotation_rad[-1])
-    assert set(range(motion.plan.course.frames)) <= {round(float(f), 9) for f in frames}
+    assert set(range(motion.plan.problem.frames)) <= {round(float(f), 9) for f in frames}
 
 
 def test_nothing_leaps(motion: PlanMotion) -> None:
@@ -114,7 +114,7 @@ def test_nothing_leaps(motion: PlanMotion) -> None:
 
 
 def test_feet_in_the_air_stay_off_the_terrain(motion: PlanMotion) -> None:
-    solids = [Solid.behind(patch) for patch in motion.plan.course.terrain]
+    solids = [Solid.behind(patch) for patch in motion.plan.problem.terrain]
     looked_at = 0
     for time in times(motion):
         now = motion.at(float(time))
@@ -148,7 +148,7 @@ def test_a_faster_pace_takes_as_much_less_time(plan: Plan) -> None:
 
 
 def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan: Plan) -> None:
-    course = plan.course
+    course = plan.problem
     names, first = course.robot.limb_names, [p for p in course.footholds if p.frame == 0]
     again = [replace(p, frame=1) for p in first]
     every = replace(
@@ -156,8 +156,8 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
         com_radius_m=course.com_radius_m[:2], modes=None,
     )  # fmt: skip
     leap = Plan(
-        course=every, com_m=plan.com_m[:2], rotation_rad=plan.rotation_rad[:2], toes_m=np.tile(plan.toes_at(0), (2, 1)),
-        choice=np.zeros(12), forces_n=np.zeros((len(every.stances), 6, 3)),
+        problem=every, com_m=plan.com_m[:2], rotation_rad=plan.rotation_rad[:2],
+        toes_m=np.tile(plan.toes_at(0), (2, 1)), choice=np.zeros(12), forces_n=np.zeros((len(every.stances), 6, 3)),
     )  # fmt: skip
     with pytest.raises(InvalidInput, match=r"^frame 1: expected limbs that stay and carry the robot"):
         _ = PlanMotion(leap).duration_s

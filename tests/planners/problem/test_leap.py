@@ -120,7 +120,7 @@ def test_a_damaged_file_is_refused_in_one_line(leap: Leap, tmp_path) -> None:
         ({"phases": 3}, "phases: expected a list"),
         ({"robot": {**good["robot"], "inertia_kgm2": None}}, "robot.inertia_kgm2: expected the inertia of nameless"),
         ({"footholds": [{**good["footholds"][0], "candidates": []}]},
-         "footholds[0]: expected one or more candidates for the toe of LF, got none"),
+         "footholds[0]: frame 0, limb LF: expected one or more candidate patches, got none"),
         ({"plan": {}}, "plan: expected an object with the keys timing, choice"),
         ({"certificate": {"tree": []}}, "certificate: expected an object with the keys tree and multipliers"),
         ({"moon": 1}, "moon"),

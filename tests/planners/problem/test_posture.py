@@ -146,7 +146,7 @@ BAD = [
     ((("tilt_limit_rad",), 3.0), "tilt_limit_rad: expected a number in [0, 1.5708], got 3"),
     ((("com_nominal_m",), [0.0, 0.0]), "com_nominal_m: expected shape (3,), got (2,)"),
     ((("com_nominal_m",), [0.0, None, 0.0]), "com_nominal_m[1]: expected a valid number, got None"),
-    ((("contacts",), []), "contacts: List should have at least 1 item after validation, not 0, got []"),
+    ((("contacts",), []), "contacts: expected one or more, got none"),
     ((("contacts",), {}), "contacts: expected a list in brackets, got {}"),
     ((("contacts", 1), "RR"), "contacts[1]: expected a valid dictionary, got 'RR'"),
     (((*ONE, "leg"), "XX"), "contacts[1].leg: expected one of LF, LM, LR, RF, RM, RR, got 'XX'"),

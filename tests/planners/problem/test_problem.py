@@ -18,7 +18,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.verify import check_posture
+from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture
@@ -83,10 +83,10 @@ def test_forces_are_bounded_foothold_by_foothold(drawn):
     ]
     held = ExactPlanner().solve(problem.posture_with(contacts=tuple(weak)))
     assert held.solution is not None
-    share = float(held.solution.forces_n[0] @ problem.contacts[0].patch.normal) / problem.weight_n
+    share = float(held.solution.forces_n[0, 0] @ problem.contacts[0].patch.normal) / problem.weight_n
     assert share <= 0.05 + 1e-6
     free = ExactPlanner().solve(problem)
-    assert not check_posture(problem.posture_with(contacts=tuple(weak)), free.solution).accepted
+    assert not check_plan(replace(free.solution, problem=problem.posture_with(contacts=tuple(weak)))).accepted
 
 
 def test_bounds_of_footholds_count_in_plans_and_in_files():
@@ -212,3 +212,20 @@ def test_the_names_of_before_are_taken_for_a_release(problem):
             exec(f"from stancekit.planners.problem.{module} import {name}", {})
     with pytest.warns(DeprecationWarning, match="PostureProblem is old"):
         exec("from stancekit.planners.problem import PostureProblem", {})
+
+
+def test_the_names_of_before_make_plans_of_one_frame(drawn):
+    problem = drawn("ground-3", 3)
+    plan = ExactPlanner().solve(problem).solution
+    with pytest.warns(DeprecationWarning, match=r"stancekit\.Posture is old: Plan\.of_posture\(problem, \.\.\.\)"):
+        posture = stancekit.Posture
+    made = posture(**{name: np.array(value) for name, value in plan.to_json().items()})
+    assert isinstance(made, posture)
+    assert isinstance(plan, posture)
+    assert not isinstance(replace(plan, problem=problem.course()), posture)
+    with pytest.raises(InvalidInput, match="expected one that knows its problem"):
+        stancekit.verify(made)
+    with pytest.warns(DeprecationWarning, match=r"verify\(problem, posture\) is old"):
+        assert stancekit.verify(problem, made).accepted
+    with pytest.warns(DeprecationWarning, match=r"course is old: Plan\.problem"):
+        assert plan.course is problem

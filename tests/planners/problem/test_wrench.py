@@ -30,7 +30,7 @@ COURSE: dict[str, object] = {
 @pytest.fixture
 def course(walk: Callable[..., Plan]) -> Problem:
     """Five frames on level ground."""
-    return walk().course
+    return walk().problem
 
 
 def with_wrench(tmp_path: Path, *entries: dict[str, object]) -> Problem:

@@ -13,7 +13,7 @@ from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.scaled import skew
 from stancekit.planners.projection.centre import centred
 from stancekit.planners.search.witness import witnesses
-from stancekit.planners.verify import check_posture
+from stancekit.planners.verify import check_plan
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 
@@ -84,8 +84,8 @@ def test_it_is_a_posture_on_the_same_toes(name):
     batch, scaled, points = drawn(name)
     found = centred(scaled, points)
     np.testing.assert_array_equal(found.toes, points.toes)
-    for problem, posture in zip(batch.problems, scaled.postures(found), strict=True):
-        assert check_posture(problem, posture).worst < 1e-10
+    for posture in scaled.plans(found, batch.problems):
+        assert check_plan(posture).worst < 1e-10
 
 
 @NAMES

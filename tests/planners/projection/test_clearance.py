@@ -67,7 +67,7 @@ def test_slopes_are_those_of_finite_differences(walk: Callable[..., Plan], monke
     monkeypatch.setattr(clearance, "_with_keys", lambda path, moments, postures: (moments, postures))
     monkeypatch.setattr(clearance, "_nearest", lambda near, clearance_m: near)
     monkeypatch.setattr(joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals)
-    looks = PathClearance(plan, Weightless(plan.course.robot))
+    looks = PathClearance(plan, Weightless(plan.problem.robot))
     start, rng, step = looks.nearness(plan, 0.02, 0.023), np.random.default_rng(0), 1e-5
     assert len(start.distance_m) > 100
 
@@ -104,7 +104,7 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
     plan = replace(plan, com_m=plan.com_m + np.array([0.0, 0.0, 0.2]))
     monkeypatch.setattr(joints, "descend", stretched)
     monkeypatch.setattr(joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals)
-    looks = PathClearance(plan, Weightless(plan.course.robot))
+    looks = PathClearance(plan, Weightless(plan.problem.robot))
 
     def astray(one: Plan) -> tuple[np.ndarray, np.ndarray]:
         found = looks.nearness(one, 0.02, 0.023)
@@ -140,7 +140,7 @@ def test_a_beam_over_the_path_is_gone_under_all_along_it(beam: Plan) -> None:
     assert found.after.depth_m <= 0.001
     assert found.after.share <= max(found.before.share, 1.0)
     assert found.steps >= 1
-    looks = PathClearance(found.plan, Kinematics(beam.course.robot))
+    looks = PathClearance(found.plan, Kinematics(beam.problem.robot))
     apart = looks.nearness(found.plan, 0.004).distance_m
     assert apart.min() >= 0.002  # half of what is wanted is enough
 
@@ -184,8 +184,8 @@ def test_links_that_come_too_near_to_each_other_are_bent_apart(monkeypatch: pyte
     outcome = TwoStageCoursePlanner().solve(read_course("walls"))
     assert outcome.solution is not None
     plan = with_joints(outcome.solution)
-    solver = Kinematics(plan.course.robot)
-    hips = tuple(("body", f"{limb}_hip") for limb in plan.course.robot.limb_names)
+    solver = Kinematics(plan.problem.robot)
+    hips = tuple(("body", f"{limb}_hip") for limb in plan.problem.robot.limb_names)
     monkeypatch.setattr(bodies, "_DRAWN_SO", {solver.model: bodies.Bodies(solver).drawn_so + hips})
     assert all(looked[name] == 0.0 for looked in looks(plan) for name in ("depth_m", "short_m"))
     monkeypatch.setattr(bodies, "ROOM_M", 0.05)

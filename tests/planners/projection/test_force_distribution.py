@@ -22,7 +22,7 @@ def climb() -> Plan:
 
 
 def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Plan) -> None:
-    course, forces = climb.course, distribute_forces(climb)
+    course, forces = climb.problem, distribute_forces(climb)
     assert forces.shape == climb.forces_n.shape
     for stance, of in zip(forces, course.stances, strict=True):
         arms = climb.toes_at(of.frame) - climb.com_m[of.frame]
@@ -43,7 +43,7 @@ def test_the_plan_with_distributed_forces_is_one_that_the_verifier_accepts(climb
 
 
 def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
-    course, stance = climb.course, 0
+    course, stance = climb.problem, 0
     of = course.stances[stance]
     found = ForceDistribution(6).solve(climb, stance)
     assert found is not None
@@ -62,13 +62,13 @@ def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
 
 
 def test_where_the_cones_leave_no_room_there_is_none_and_the_plan_keeps_its_own(climb: Plan) -> None:
-    icy = replace(climb, course=slippery(climb.course, 0.01))
+    icy = replace(climb, problem=slippery(climb.problem, 0.01))
     assert ForceDistribution(6).solve(icy, 0) is None
     np.testing.assert_array_equal(distribute_forces(icy), climb.forces_n)
 
 
 def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -> None:
-    course, frame = climb.course, 1
+    course, frame = climb.problem, 1
     patches = [course.patch(int(p), climb.choice) for p in course.holds[frame]]
     arms = climb.toes_at(frame) - climb.com_m[frame]
     bears = np.array([True, True, True, True, True, False])

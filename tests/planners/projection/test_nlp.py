@@ -14,8 +14,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.nlp import NlpProgram, parameters, point_of, vector, written
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.nlp import starting_points
-from stancekit.planners.verify import check_posture
+from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +27,7 @@ def programs():
 def walked(walk):
     """A walk whose forces are known in closed form, as a point on its own patches."""
     plan = walk(frames=3)
-    scaled = Scaled.of(plan.course).chosen(plan.choice)
+    scaled = Scaled.of(plan.problem).chosen(plan.choice)
     stance, limb, _ = scaled.layout.contacts
     world = plan.forces_n[stance, limb] / scaled.force_n
     point = replace(
@@ -118,7 +119,7 @@ def test_a_point_on_the_surface_keeps_every_other_constraint_too(programs, drawn
         for start in starting_points(scaled, 2, seed=0):
             point = project(programs, "nlp", scaled, start)
             if np.isfinite(point.residual):
-                worst = check_posture(problem, scaled.posture(point)).worst
+                worst = check_plan(plan_of(problem, scaled, scaled.numbers, point)).worst
                 assert worst < 1e-6 or worst < 2.0 * point.residual
                 looked_at += 1
     assert looked_at > 8

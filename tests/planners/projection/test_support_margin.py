@@ -44,26 +44,26 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 def shares(plan: Plan, stance: int) -> Array:
     """Of a weight, what three feet on level ground carry: the centre's barycentric coordinates, shape (3,)."""
-    of = plan.course.stances[stance]
+    of = plan.problem.stances[stance]
     corners = plan.toes_at(of.frame)[list(of.limbs), :2]
     rows = np.vstack([corners.T, np.ones(3)])
     return np.asarray(np.linalg.solve(rows, [*plan.com_m[of.frame, :2], 1.0]))
 
 
 def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carries_it(plan: Plan) -> None:
-    threes = [index for index, stance in enumerate(plan.course.stances) if len(stance.limbs) == 3]
+    threes = [index for index, stance in enumerate(plan.problem.stances) if len(stance.limbs) == 3]
     assert len(threes) >= 8
     assert plan.provenance["push_share"] == 0.05
-    assert min(margin.push_n for margin in stance_margins(plan)) >= 0.05 * plan.course.weight_n
+    assert min(margin.push_n for margin in stance_margins(plan)) >= 0.05 * plan.problem.weight_n
     assert all(shares(plan, stance).min() > 0.05 for stance in threes)
-    loose = plan_with_reserve(TwoStageCoursePlanner(), plan.course, presses=()).solution
+    loose = plan_with_reserve(TwoStageCoursePlanner(), plan.problem, presses=()).solution
     assert loose is not None
     assert "push_share" not in loose.provenance
     assert min(shares(loose, stance).min() for stance in threes) < 0.01
 
 
 def test_steady_is_what_barycentric_coordinates_say_of_three_feet(plan: Plan) -> None:
-    threes = [index for index, stance in enumerate(plan.course.stances) if len(stance.limbs) == 3]
+    threes = [index for index, stance in enumerate(plan.problem.stances) if len(stance.limbs) == 3]
     least = min(shares(plan, stance).min() for stance in threes)
     assert steady(plan, least - 1e-3)
     assert not steady(plan, least + 1e-3)
@@ -72,11 +72,11 @@ def test_steady_is_what_barycentric_coordinates_say_of_three_feet(plan: Plan) ->
 def test_a_plan_that_is_bent_for_its_torques_still_bears_its_push(plan: Plan) -> None:
     bent = whole_body(plan, WholeBodyLimits(torque_nm=17.5)).plan
     assert not np.array_equal(bent.com_m, plan.com_m)
-    assert min(margin.push_n for margin in stance_margins(bent)) >= 0.05 * bent.course.weight_n - 1e-3
+    assert min(margin.push_n for margin in stance_margins(bent)) >= 0.05 * bent.problem.weight_n - 1e-3
 
 
 def test_pressing_changes_the_least_normal_force_alone(plan: Plan) -> None:
-    course = pressing(plan.course, 0.2)
+    course = pressing(plan.problem, 0.2)
     assert course.force_min.tolist() == [0.2, -1.0, -1.0]
     assert pressing(course, 0.1).force_min.tolist() == [0.2, -1.0, -1.0]
-    assert replace(course, force_min=plan.course.force_min).stances == plan.course.stances
+    assert replace(course, force_min=plan.problem.force_min).stances == plan.problem.stances

@@ -39,8 +39,8 @@ def with_effort(plan: Plan) -> Callable[[float], Plan]:
     """The plan for the same robot with other torque limits."""
 
     def make(effort: float) -> Plan:
-        robot = replace(plan.course.robot, model=model_of(quadruped(effort=effort)))
-        return replace(plan, course=replace(plan.course, robot=robot))
+        robot = replace(plan.problem.robot, model=model_of(quadruped(effort=effort)))
+        return replace(plan, problem=replace(plan.problem, robot=robot))
 
     return make
 
@@ -84,7 +84,7 @@ def test_what_no_forces_can_spare_stays_refused(with_effort: Callable[[float], P
 
 
 def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Plan) -> None:
-    course, stance = plan.course, 0
+    course, stance = plan.problem, 0
     of = course.stances[stance]
     solver = Kinematics(course.robot)
     angles = with_joints(plan).joints_rad
@@ -115,7 +115,7 @@ def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Plan) -> Non
 
 
 def test_torques_of_loads_are_the_torques(plan: Plan) -> None:
-    solver, rng = Kinematics(plan.course.robot), np.random.default_rng(0)
+    solver, rng = Kinematics(plan.problem.robot), np.random.default_rng(0)
     angles, turn, forces = rng.uniform(-0.5, 0.5, 12), rotation_of([0.1, -0.2, 0.3]), rng.normal(size=(4, 3))
     weight, levers = solver.loads(angles, turn)
     by_hand = [weight[j] - levers[j] @ forces[j // 3] for j in range(12)]
@@ -168,7 +168,7 @@ def test_a_quadruped_is_bent_to_less_than_its_forces_alone_allow(plan: Plan) -> 
 def test_what_comes_is_accepted_and_never_worse(climb: Plan, torque_nm: float) -> None:
     limits = WholeBodyLimits(torque_nm=torque_nm, steps=4)
     bent = whole_body(climb, limits)
-    solver = Kinematics(climb.course.robot)
+    solver = Kinematics(climb.problem.robot)
     assert check_plan(bent.plan).accepted
     assert bent.after is bent.before or bent.after.better(bent.before)
     assert (bent.after.share, bent.after.torque_nm) == largest(bent.plan, solver, limits.of(solver))

@@ -39,11 +39,11 @@ def plan(request: pytest.FixtureRequest, walls: Plan, dog_plan: Plan) -> Plan:
 
 
 def scaled_of(plan: Plan) -> Scaled:
-    return Scaled.of(plan.course).chosen(plan.choice)
+    return Scaled.of(plan.problem).chosen(plan.choice)
 
 
 def restoration_of(plan: Plan) -> tuple[Restoration, Kinematics]:
-    solver = Kinematics(plan.course.robot)
+    solver = Kinematics(plan.problem.robot)
     return Restoration(plan, scaled_of(plan), solver, solver.torque_nm), solver
 
 
@@ -161,7 +161,7 @@ def test_joints_of_legs_that_stand_turn_no_farther_from_frame_to_frame_than_they
     )  # fmt: skip
     found = WholeBodyStep(at.scaled.layout, legs, False).solve(at)
     assert found is not None
-    holds = np.array(plan.course.holds)
+    holds = np.array(plan.problem.holds)
     stays = np.repeat(holds[1:] == holds[:-1], 4, axis=1)
     assert stays.any()
     assert not stays.all()
@@ -180,7 +180,7 @@ def test_what_is_restored_is_exact(plan: Plan) -> None:
     assert restored is not None
     np.testing.assert_array_equal(restored.point.toes, start.toes)
     forces, _ = scaled.forces_si(restored.point)
-    course = plan.course
+    course = plan.problem
     for s, of in enumerate(course.stances):
         toes, com, k = plan.toes_at(of.frame), plan.com_m[of.frame], of.frame
         assert np.abs(forces[s].sum(axis=0) - [0.0, 0.0, course.weight_n]).max() < 1e-9 * course.weight_n
@@ -200,7 +200,7 @@ def test_feet_out_of_reach_are_not_restored(plan: Plan, walls: Plan) -> None:
 
 
 def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_farther(walls: Plan) -> None:
-    solver = Kinematics(walls.course.robot)
+    solver = Kinematics(walls.problem.robot)
     angles = np.zeros((2, 24))
     angles[0, 1], angles[1, 5] = 1.6, -1.7
     lower, upper = joint_ranges(solver, angles)
@@ -210,7 +210,7 @@ def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_
     turned = np.zeros((layout.frames, 24))
     assert keeps_to(solver, layout, turned, turned)
     turned[1:, 0] = 0.9  # of a limb that stands on at frame 1
-    assert walls.course.holds[0][0] == walls.course.holds[1][0]
+    assert walls.problem.holds[0][0] == walls.problem.holds[1][0]
     assert not keeps_to(solver, layout, np.zeros_like(turned), turned)
     assert keeps_to(solver, layout, turned, turned)
     turned[:, 0], turned[1, 1] = 0.0, 0.45

@@ -25,7 +25,7 @@ def held(programs):
         if posture is not None:
             scaled = Scaled.of(problem)
             frames = [contact.patch.frame for contact in problem.contacts]
-            force = np.array([f @ each for f, each in zip(posture.forces_n, frames, strict=True)]) / scaled.force_n
+            force = np.array([f @ each for f, each in zip(posture.forces_n[0], frames, strict=True)]) / scaled.force_n
             found.append((problem, scaled, np.hstack([(posture.toes_m - posture.com_m) / scaled.length_m, force])))
     return found
 

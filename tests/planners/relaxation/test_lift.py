@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.rows import Rows
@@ -22,7 +22,7 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import LiftProgram, solve_lift
 from stancekit.planners.search.cuts import alone
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import check_certificate, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 SEEDS = st.integers(0, 2**32 - 1)
 LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
@@ -121,17 +121,17 @@ def around_a_posture(seed):
     problem = Problem.posture(
         contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=com + rng.uniform(-0.01, 0.01, 3), com_radius_m=0.02
     )
-    return problem, Posture(com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)
+    return Plan.of_posture(problem, com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)
 
 
 @given(SEEDS)
 @settings(max_examples=120)
 def test_the_bound_is_never_above_the_moment_of_a_posture_that_is_otherwise_right(programs, seed):
-    problem, posture = around_a_posture(seed)
-    groups = {g.name: g.worst for g in check_posture(problem, posture).groups}
+    posture = around_a_posture(seed)
+    groups = {g.name: g.worst for g in check_plan(posture).groups}
     assert max(worst for group, worst in groups.items() if group != "moment_balance") < 1e-12
-    moment = np.cross(posture.toes_m - posture.com_m, posture.forces_n).sum(axis=0) / (98.1 * 0.6)
-    answer = least(programs, Scaled.of(problem))
+    moment = np.cross(posture.toes_m - posture.com_m, posture.forces_n[0]).sum(axis=0) / (98.1 * 0.6)
+    answer = least(programs, Scaled.of(posture.problem))
     assert answer.solved
     assert answer.bound <= np.max(np.abs(moment)) + 1e-7
 

@@ -149,7 +149,7 @@ def test_world_points_are_the_forces_of_the_postures(programs, drawn):
     points = np.array([Scaled.of(problem).point(posture) for problem, posture in found])
     turned = world_points([problem for problem, _ in found], points)
     for row, (problem, posture) in zip(turned, found, strict=True):
-        np.testing.assert_allclose(row[:, 3:] * problem.weight_n, posture.forces_n, atol=1e-9)
+        np.testing.assert_allclose(row[:, 3:] * problem.weight_n, posture.forces_n[0], atol=1e-9)
         np.testing.assert_allclose(row[:, 3:].sum(axis=0), [0.0, 0.0, 1.0], atol=1e-6)
 
 

@@ -10,7 +10,7 @@ import pytest
 import stancekit
 from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.hindrance import walk_hindrance
-from stancekit.planners.answer.trajectory import Trajectory, robot_from_json, robot_to_json
+from stancekit.planners.answer.trajectory import Trajectory, robot_from_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import check_file, read_trajectory, write_trajectory
 from stancekit.planners.robot import single_body
@@ -48,8 +48,8 @@ def test_its_legs_weigh_and_stand_as_its_boxes(walker: GaitRobot, model: RobotMo
     (trunk,) = [shape for shape in model.shapes if shape.link == "base" and shape.collides]
     np.testing.assert_allclose(trunk.origin_m, model.body.com_m, atol=1e-9)
     np.testing.assert_allclose(0.5 * np.array(trunk.size_m), boxes.trunk_half_m, atol=1e-9)
-    assert robot_to_json(boxes) == {
-        name: value for name, value in robot_to_json(walker).items() if name != "model"
+    assert boxes.to_json() == {
+        name: value for name, value in walker.to_json().items() if name != "model"
     }
     assert [remark.text for remark in model.remarks] == [
         "posture to stand in, from the SRDF: standing"
@@ -87,10 +87,10 @@ def test_without_pinocchio_it_is_its_boxes(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_it_is_written_with_its_legs_and_read_again(walker: GaitRobot, model: RobotModel) -> None:
-    again = robot_from_json(robot_to_json(walker))
+    again = robot_from_json(walker.to_json())
     assert again.model is not None
     assert again.model.digest == model.digest
-    other = {**robot_to_json(anymal()), "mass_kg": 31.0}
+    other = {**anymal().to_json(), "mass_kg": 31.0}
     with pytest.raises(
         InvalidInput, match="expected the numbers of the built-in anymal, got others"
     ):

@@ -77,14 +77,14 @@ def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Pl
     bent = whole_body(plan).plan  # clear of the step on the way, too
     assert check_plan(bent, joints=True).accepted
     plan = bent
-    model = plan.course.robot.model
+    model = plan.problem.robot.model
     assert model is not None
     assert plan.joints_rad is not None
     assert plan.joints_rad.shape == (10, 12)
     columns = {name: plan.joints_rad[:, i] for i, name in enumerate(model.joint_names)}
     known = pin.buildModelFromXML(model.urdf)
     data = known.createData()
-    for k in range(plan.course.frames):
+    for k in range(plan.problem.frames):
         q = pin.neutral(known)
         for leg in model.legs:
             angles = np.array([columns[name][k] for name in leg.joint_names])
@@ -96,7 +96,7 @@ def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Pl
         for i, leg in enumerate(model.legs):
             foot = data.oMf[known.getFrameId(leg.foot)].translation
             centre = plan.com_m[k] + turn @ (foot - model.body.com_m)
-            normal = plan.course.patch(int(plan.course.holds[k][i]), plan.choice).normal
+            normal = plan.problem.patch(int(plan.problem.holds[k][i]), plan.choice).normal
             np.testing.assert_allclose(centre - leg.radius_m * normal, plan.toes_at(k)[i], atol=1e-4)
 
 
@@ -137,7 +137,7 @@ def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does
     far, near = (TwoStageCoursePlanner(gap=0.05).solve(each).solution for each in pulled)
     assert near is not None
     assert far is not None
-    off_m = [np.linalg.norm(each.com_m - each.course.com_nominal_m, axis=1).mean() for each in (near, far)]
+    off_m = [np.linalg.norm(each.com_m - each.problem.com_nominal_m, axis=1).mean() for each in (near, far)]
     assert off_m[0] < 0.8 * off_m[1]
 
 
@@ -172,9 +172,9 @@ def test_another_robot_may_take_the_courses_place(folder: Path, tmp_path: Path) 
 
 
 def test_angles_of_shorter_legs_are_the_nearest_ones(plan: Plan) -> None:
-    robot = plan.course.robot
+    robot = plan.problem.robot
     short = model_of(quadruped().replace('xyz="0 0 -.3"', 'xyz="0 0 -.02"'))
-    answers = plan_angles(replace(plan, course=replace(plan.course, robot=replace(robot, model=short))))
+    answers = plan_angles(replace(plan, problem=replace(plan.problem, robot=replace(robot, model=short))))
     for answer in answers:
         assert answer.error_m.min() > 0.03
         for i, leg in enumerate(short.legs):

@@ -151,9 +151,9 @@ def test_rotations_are_exact_not_linearised() -> None:
 
 def test_a_plan_has_angles_that_stay_close_where_toes_stay(plan: Plan) -> None:
     answers = plan_angles(plan)
-    assert len(answers) == plan.course.frames
-    for k in range(1, plan.course.frames):
-        stays = plan.course.holds[k] == plan.course.holds[k - 1]
+    assert len(answers) == plan.problem.frames
+    for k in range(1, plan.problem.frames):
+        stays = plan.problem.holds[k] == plan.problem.holds[k - 1]
         moved = np.abs(answers[k].angles - answers[k - 1].angles).reshape(6, 4)[stays]
         assert moved.max() < 0.6
 
@@ -172,7 +172,7 @@ def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
     start = np.array(usual[0].angles)
     start[its] = max(within, key=lambda other: float(np.abs(other - start[its]).max()))
     assert np.abs(start - usual[0].angles).max() > 2.0
-    assert plan.course.holds[1, limb] == plan.course.holds[0, limb]
+    assert plan.problem.holds[1, limb] == plan.problem.holds[0, limb]
 
     found = plan_angles(plan, start_rad=start)
     assert all(answer.within_limits for answer in found)
@@ -184,8 +184,8 @@ def test_a_good_plan_is_within_the_joints_and_the_report_has_a_row_a_frame_and_s
     report = joint_report(plan)
     assert report.accepted, report.message
     assert report.message == ""
-    assert report.error_m.shape == (plan.course.frames, 6)
-    assert report.torque_nm.shape == (len(plan.course.stances), 6)
+    assert report.error_m.shape == (plan.problem.frames, 6)
+    assert report.torque_nm.shape == (len(plan.problem.stances), 6)
     assert 1.0 < report.torque_nm.max() < 40.0
     assert 0.0 < report.shift_m.max() < 0.02  # paper E: "assumed to always be at the geometric center"
 
@@ -194,14 +194,14 @@ def test_weak_servos_are_found_with_frame_and_limb(plan: Plan) -> None:
     report = joint_report(plan, Servo(torque_nm=5.0))
     assert not report.accepted
     stance, limb = np.unravel_index(int(np.argmax(report.torque_nm)), report.torque_nm.shape)
-    assert report.worst_torque == (plan.course.stances[stance].frame, ROBOT.limb_names[limb])
+    assert report.worst_torque == (plan.problem.stances[stance].frame, ROBOT.limb_names[limb])
     assert f"frame {report.worst_torque[0]}, limb {report.worst_torque[1]}: " in report.message
     assert report.excess_nm.max() == pytest.approx(report.torque_nm.max() - 5.0)
 
 
 def test_a_toe_out_of_reach_is_found_with_frame_and_limb(plan: Plan) -> None:
     toes = plan.toes_m.copy()
-    foothold = int(plan.course.holds[2][4])
+    foothold = int(plan.problem.holds[2][4])
     toes[foothold] += [0.0, 0.0, 0.6]
     report = joint_report(replace(plan, toes_m=toes))
     assert not report.accepted

@@ -14,8 +14,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.hulls import hull_corners
+from stancekit.planners.robot.leg import FootContact
 from stancekit.planners.robot.legged import robot_of
-from stancekit.planners.robot.robot_file import ContactKeys, named_robot
+from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.walker import walker_of
@@ -83,7 +84,7 @@ def test_of_any_other_shape_a_person_has_to_say_what_touches(shape: str, kind: s
         walker_of(model, [])
     example = yaml.safe_load(re.findall(r"e\.g\. (\{.*\}\}), the (?:ball|point)", str(refusal.value))[0])
     assert set(example) == {f"LF_{foot}"}
-    contact = ContactKeys(**example[f"LF_{foot}"]).contact()
+    contact = FootContact(**example[f"LF_{foot}"])
     model_of(model.urdf, folder=tmp_path, contacts={f"*_{foot}": contact}).check_known()
 
 

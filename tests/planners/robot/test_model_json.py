@@ -163,10 +163,10 @@ def test_a_model_that_was_changed_is_refused(
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("urdf", " " * (MOST_LETTERS + 1), "robot.model.urdf: String should have at most 2000000 characters"),
-        ("legs", [], "robot.model.legs: List should have at least 1 item"),
-        ("disabled_pairs", [["a", "b", "c"]], "robot.model.disabled_pairs[0]: List should have at most 2 items"),
-        ("more", 1, "robot.model.more: unknown key"),
+        ("urdf", " " * (MOST_LETTERS + 1), "robot dog: model.urdf: String should have at most 2000000 characters"),
+        ("legs", [], "robot dog: model.legs: List should have at least 1 item"),
+        ("disabled_pairs", [["a", "b", "c"]], "robot dog: model.disabled_pairs[0]: List should have at most 2 items"),
+        ("more", 1, "robot dog: model.more: unknown key"),
     ],
 )
 def test_a_model_out_of_bounds_is_refused(written: dict[str, Any], key: str, value: Any, message: str) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from stancekit.planners.equilibrium.half_spaces import HalfSpaces
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.codec import from_json, to_json
 from stancekit.planners.robot.model import Limb
 from stancekit.planners.robot.reach import ReachRows, turned_most
 
@@ -20,7 +21,7 @@ def test_rows_are_made_unit_and_unit_rows_stay_as_they_are():
     first = ReachRows(normals=size[:, None] * unit, bounds_m=size * 0.3)
     np.testing.assert_allclose(first.normals, unit, atol=1e-15)
     np.testing.assert_allclose(first.bounds_m, 0.3, atol=1e-15)
-    again = ReachRows(**first.to_json())
+    again = from_json(ReachRows, to_json(first))
     assert np.array_equal(again.normals, first.normals)
     assert np.array_equal(again.bounds_m, first.bounds_m)
 
@@ -28,12 +29,12 @@ def test_rows_are_made_unit_and_unit_rows_stay_as_they_are():
 @pytest.mark.parametrize(
     ("normals", "bounds", "message"),
     [
-        ([[0.0, 0.0, 0.0]], [1.0], "reach_rows.normals[0]: expected a non-zero vector, got none"),
-        (CUBE, [0.1] * 5, "reach_rows.bounds_m: expected shape (6,), got (5,)"),
+        ([[0.0, 0.0, 0.0]], [1.0], "normals[0]: expected a non-zero vector, got none"),
+        (CUBE, [0.1] * 5, "bounds_m: expected shape (6,), got (5,)"),
         (CUBE, [0.1, 0.1, 0.1, -0.2, 0.1, 0.1],
-         "reach_rows.bounds_m: expected half-spaces that leave room for a toe, got an empty set"),
-        (np.zeros((0, 3)), [], "reach_rows.normals: expected 1 to 256 half-spaces, got 0"),
-        (np.ones((257, 3)), np.ones(257), "reach_rows.normals: expected 1 to 256 half-spaces, got 257"),
+         "bounds_m: expected half-spaces that leave room for a toe, got an empty set"),
+        (np.zeros((0, 3)), [], "normals: expected 1 to 256 half-spaces, got 0"),
+        (np.ones((257, 3)), np.ones(257), "normals: expected 1 to 256 half-spaces, got 257"),
     ],
 )  # fmt: skip
 def test_bad_rows_are_refused_in_one_line(normals, bounds, message):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.trajectory import robot_from_json, robot_to_json
+from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.model import hexapod
@@ -204,12 +204,12 @@ def test_robots_that_cannot_walk_are_refused_in_one_line(text: str, options: dic
 
 
 def test_a_walkers_model_goes_into_files_and_comes_out_again(walker: GaitRobot) -> None:
-    written = json.loads(json.dumps(robot_to_json(walker)))
+    written = json.loads(json.dumps(walker.to_json()))
     again = robot_from_json(written)
     assert again.model is not None
     assert walker.model is not None
     assert again.model.digest == walker.model.digest
-    assert robot_to_json(again) == written
+    assert again.to_json() == written
     with pytest.raises(InvalidInput, match=r"^robot: robot quadruped: expected feet as its model has legs, LF, RF, "):
         robot_from_json(written | {"feet": written["feet"][::-1]})
     with pytest.raises(InvalidInput, match=r"^robot: model\.wings: unknown key$"):

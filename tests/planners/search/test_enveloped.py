@@ -64,7 +64,7 @@ def reflected(problem):
 
 def points_of(plan):
     """[p, f] of every bearing at a plan, f in contact frames, from the plan's own SI numbers, shape (B, 6)."""
-    course, rows = plan.course, []
+    course, rows = plan.problem, []
     for index, stance in enumerate(course.stances):
         for limb in stance.limbs:
             foothold = course.holds[stance.frame, limb]

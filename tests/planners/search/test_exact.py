@@ -23,7 +23,7 @@ from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
 from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import check_certificate, check_plan, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 MANY_NODES = ("wall-3", 225)
 """A scene that takes five nodes: its root is split, and so is one of the two."""
@@ -61,7 +61,7 @@ def scene_of(drawn, mixed, scene):
 def confirm(problem, outcome):
     """An answer carries what its status promises, and the verifier accepts it, also from a file."""
     if outcome.status is Status.FEASIBLE:
-        report = check_posture(problem, outcome.solution)
+        report = check_plan(outcome.solution)
         assert report.accepted
         assert outcome.residual == report.worst <= 1e-6
         assert outcome.residual_nm == report.figures["residual_nm"]

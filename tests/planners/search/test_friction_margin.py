@@ -26,15 +26,15 @@ class Picky:
         self.asked.append(friction)
         if friction < self.friction:
             return Answer(status=Status.INFEASIBLE, method=self.name, message="too slippery")
-        return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, course=course))
+        return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, problem=course))
 
 
 def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(walk: Callable[..., Plan]) -> None:
     plan = walk()
-    planner = Picky(plan, 0.85 * plan.course.footholds[0].candidates[0].friction)
-    outcome = plan_with_reserve(planner, plan.course)
+    planner = Picky(plan, 0.85 * plan.problem.footholds[0].candidates[0].friction)
+    outcome = plan_with_reserve(planner, plan.problem)
     assert outcome.solution is not None
-    assert outcome.solution.course is plan.course
+    assert outcome.solution.problem is plan.problem
     assert outcome.solution.provenance["friction_share"] == 0.9
     assert len(planner.asked) == 2
 
@@ -42,13 +42,13 @@ def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(walk: C
 def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(walk: Callable[..., Plan]) -> None:
     plan = walk()
     planner = Picky(plan, 1e6)
-    outcome = plan_with_reserve(planner, plan.course)
+    outcome = plan_with_reserve(planner, plan.problem)
     assert outcome.status is Status.INFEASIBLE
-    assert planner.asked[-1] == plan.course.footholds[0].candidates[0].friction
+    assert planner.asked[-1] == plan.problem.footholds[0].candidates[0].friction
 
 
 def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) -> None:
-    course = walk().course
+    course = walk().problem
     dulled = slippery(course, 0.5)
     for before, after in zip(course.footholds, dulled.footholds, strict=True):
         assert after.candidates[0].friction == 0.5 * before.candidates[0].friction
@@ -70,7 +70,7 @@ def test_one_time_limit_is_for_all_shares_together(walk: Callable[..., Plan], mo
             return Answer(status=Status.UNDECIDED, method=self.name)
 
     monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
-    course, planner = walk().course, Slow()
+    course, planner = walk().problem, Slow()
     friction = float(course.terrain[0].friction)
     assert plan_with_reserve(planner, course).status is Status.UNDECIDED
     assert given == [(pytest.approx(0.8 * friction), 5.0), (friction, 5.0)]
@@ -95,7 +95,7 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
             return Answer(status=Status.UNDECIDED, method=self.name)
 
     monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
-    course, planner = walk().course, Foreign()
+    course, planner = walk().problem, Foreign()
     friction = float(course.terrain[0].friction)
     assert plan_with_reserve(planner, course, deadline=107.0).status is Status.UNDECIDED
     assert planner.asked == [pytest.approx(0.8 * friction), friction]  # 0.9 would begin in the last share's time

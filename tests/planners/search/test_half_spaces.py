@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
@@ -18,10 +18,11 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import check_certificate, check_certificates, check_plan, check_posture, explain
+from stancekit.planners.verify import check_certificate, check_certificates, check_plan, explain
 
 HEIGHT_M, BALL_M = 0.3, 0.1
 CUBE = np.vstack([np.eye(3), -np.eye(3)])
@@ -59,7 +60,7 @@ def test_a_body_that_leans_gains_height_times_tilt_and_no_proof_says_less(planne
         outcome = planner.solve(on_one_foot(share * tilt * HEIGHT_M, tilt))
         found[share] = outcome.status
         if outcome.solution is not None:
-            assert outcome.solution.rotation_rad[1] >= share * tilt - 1e-4
+            assert outcome.solution.rotation_rad[0, 1] >= share * tilt - 1e-4
     assert found[0.5] is found[0.9] is Status.FEASIBLE
     assert found[2.0] is Status.INFEASIBLE
     assert found[0.99] is not Status.INFEASIBLE
@@ -119,18 +120,18 @@ def test_answers_are_verified_and_no_postures_are_where_proofs_are(planner, prog
         if outcome.certificate is not None:
             assert check_certificate(outcome.certificate.of(problem)).accepted
             start = solve_lift(programs, scaled, least_moment=True).rounded()[1]
-            posture = scaled.posture(project(programs, "nlp", scaled, start))
-            assert not check_posture(problem, posture).accepted
+            point = project(programs, "nlp", scaled, start)
+            assert not check_plan(plan_of(problem, scaled, scaled.numbers, point)).accepted
             assert explain(outcome.certificate.of(problem)).relaxations
     assert min(found[Status.FEASIBLE], found[Status.INFEASIBLE]) > 3
     assert found[Status.UNDECIDED] <= (2 if tilt else 0)
 
 
-def worst_row(problem: Problem, posture: Posture) -> float:
+def worst_row(problem: Problem, posture: Plan) -> float:
     """How far a toe is beyond a half-space that was turned with the body, one after the other [m]."""
-    turn = np.eye(3) + np.cross(posture.rotation_rad, np.eye(3)).T
+    turn = np.eye(3) + np.cross(posture.rotation_rad[0], np.eye(3)).T
     beyond = [
-        (turn @ normal) @ (toe - posture.com_m) - bound
+        (turn @ normal) @ (toe - posture.com_m[0]) - bound
         for contact, toe in zip(problem.contacts, posture.toes_m, strict=True)
         for normal, bound in zip(contact.reach_rows.normals, contact.reach_rows.bounds_m, strict=True)
     ]
@@ -188,7 +189,7 @@ def planned(ragged, bounded, programs):
 
 def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
     assert check_plan(planned).accepted
-    course, limb = planned.course, 2
+    course, limb = planned.problem, 2
     toe = planned.toes_m[course.holds[1, limb]] - planned.com_m[1]
     normal = np.array([0.6, 0.0, 0.8])
     turned = normal + np.cross(planned.rotation_rad[1], normal)
@@ -196,7 +197,7 @@ def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
         rows = ReachRows(normals=[normal], bounds_m=[turned @ toe + room])
         limbs = [replace(one, reach_rows=rows if i == limb else None) for i, one in enumerate(course.robot.limbs)]
         robot = replace(course.robot, limbs=tuple(limbs))
-        report = check_plan(replace(planned, course=replace(course, robot=robot)))
+        report = check_plan(replace(planned, problem=replace(course, robot=robot)))
         reach = next(group for group in report.groups if group.name == "reach")
         assert (reach.frame == 1 and reach.value == pytest.approx(1e-4)) or holds or reach.value > 1e-4
 
@@ -204,7 +205,7 @@ def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
 def test_the_way_between_two_frames_is_looked_at_where_it_bows_out(walk):
     """Both ends lean as the row allows, the way between them does not: found without a point on the way."""
     plan = walk(2, "shift")
-    limb, toe = plan.course.robot.limbs[0], plan.toes_m[0]
+    limb, toe = plan.problem.robot.limbs[0], plan.toes_m[0]
     turn = np.array([[0.0, 0.05, 0.0], [0.0, -0.05, 0.0]])
     com = plan.com_m.copy()
     normal = np.array([1.0, 0.0, 0.0])
@@ -215,8 +216,8 @@ def test_the_way_between_two_frames_is_looked_at_where_it_bows_out(walk):
         for t in np.linspace(0.0, 1.0, 1001)
     )
     rows = ReachRows(normals=[normal], bounds_m=[max(value) + 1e-9])
-    robot = replace(plan.course.robot, limbs=(replace(limb, reach_rows=rows), *plan.course.robot.limbs[1:]))
-    bowed = replace(plan, course=replace(plan.course, robot=robot), com_m=com, rotation_rad=turn)
+    robot = replace(plan.problem.robot, limbs=(replace(limb, reach_rows=rows), *plan.problem.robot.limbs[1:]))
+    bowed = replace(plan, problem=replace(plan.problem, robot=robot), com_m=com, rotation_rad=turn)
     report = check_plan(bowed, between=False)
     reach = next(group for group in report.groups if group.name == "reach")
     assert between > max(value) + 1e-5

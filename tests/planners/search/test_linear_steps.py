@@ -45,7 +45,7 @@ def test_plans_turn_no_farther_and_would_without(turning, programs, make):
         if free.solution is None or largest_yaw(free.solution) < 2.0 * YAW_RAD:
             continue
         turned += 1
-        judged = check_plan(replace(free.solution, course=limited(course, YAW_RAD)))
+        judged = check_plan(replace(free.solution, problem=limited(course, YAW_RAD)))
         assert judged.refused[0].name == "yaw_step"
         assert judged.group("yaw_step").value == pytest.approx(largest_yaw(free.solution) - YAW_RAD)
         outcome = planner.solve(limited(course, YAW_RAD))

@@ -9,7 +9,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import METHODS, make_planner
-from stancekit.planners.verify import check_certificate, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def test_every_method_answers_with_evidence_and_never_against_the_exact_one(meth
         assert outcome.status in (status, Status.UNDECIDED)
         assert (outcome.solution is not None) == (outcome.status is Status.FEASIBLE)
         assert (outcome.certificate is not None) == (outcome.status is Status.INFEASIBLE)
-        assert outcome.solution is None or check_posture(problem, outcome.solution).accepted
+        assert outcome.solution is None or check_plan(outcome.solution).accepted
         assert outcome.certificate is None or check_certificate(outcome.certificate.of(problem)).accepted
         assert outcome.effort.seconds > 0.0
 

@@ -18,7 +18,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import STARTS, NlpPlanner, starting_points
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import check_plan, check_posture
+from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_it_finds_a_verified_witness_exactly_where_there_is_one(scenes, programs
         outcome = planner.solve(problem)
         assert (outcome.status is Status.FEASIBLE) == (exact.status is Status.FEASIBLE)
         if outcome.status is Status.FEASIBLE:
-            assert check_posture(problem, outcome.solution).accepted
+            assert check_plan(outcome.solution).accepted
             assert outcome.claim == "Solve_Succeeded"
         else:
             assert outcome.status is Status.UNDECIDED
@@ -114,7 +114,7 @@ def test_a_built_in_course_of_one_frame_and_one_with_choices(programs):
         assert check_plan(outcome.solution).accepted
         assert 0.0 < outcome.effort.solver_s <= outcome.effort.seconds
     friction = [
-        outcome.solution.course.patch(p, outcome.solution.choice).friction for p in range(len(outcome.solution.toes_m))
+        outcome.solution.problem.patch(p, outcome.solution.choice).friction for p in range(len(outcome.solution.toes_m))
     ]
     assert min(friction) > 0.0
 

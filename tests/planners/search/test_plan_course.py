@@ -133,7 +133,7 @@ class Walked:
         self.plan = plan
 
     def solve(self, course: Problem) -> Answer[Plan]:
-        return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, course=course))
+        return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, problem=course))
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +148,7 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
 ) -> None:
     now = [100.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    none = plan_course(climb.course, Walked(climb), deadline=100.0)
+    none = plan_course(climb.problem, Walked(climb), deadline=100.0)
     assert (none.status, none.solution) == (Status.UNDECIDED, None)
     assert none.message == "the time limit ended before the search for contacts began"
 
@@ -159,7 +159,7 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
             now[0] += 30.0
             return super().solve(course)
 
-    late = plan_course(climb.course, Slow(climb), deadline=110.0)
+    late = plan_course(climb.problem, Slow(climb), deadline=110.0)
     assert late.status is Status.UNDECIDED
     assert late.message == "the time limit ended before joints, torque, bodies, motion could be judged, contacts hold"
     assert late.solution is not None
@@ -178,7 +178,7 @@ def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_b
         raise TimeEnded("the time limit ended")
 
     monkeypatch.setattr(whole_body, "check_plan", ended)
-    outcome = plan_course(climb.course, Walked(climb), limits=WholeBodyLimits())
+    outcome = plan_course(climb.problem, Walked(climb), limits=WholeBodyLimits())
     assert outcome.solution is not None
     assert outcome.solution.joints_rad is not None
     assert math.isnan(outcome.details["depth_m"])
@@ -190,9 +190,9 @@ def test_a_claim_of_a_planner_from_elsewhere_is_not_believed(climb: Plan) -> Non
         """One whose robot floats."""
 
         def solve(self, course: Problem) -> Answer[Plan]:
-            plan = replace(self.plan, course=course, forces_n=0.0 * self.plan.forces_n)
+            plan = replace(self.plan, problem=course, forces_n=0.0 * self.plan.forces_n)
             return Answer(status=Status.FEASIBLE, method=self.name, solution=plan)
 
-    outcome = stancekit.plan(climb.course, Liar(climb))
+    outcome = stancekit.plan(climb.problem, Liar(climb))
     assert (outcome.status, outcome.solution) == (Status.UNDECIDED, None)
     assert outcome.message.startswith("plan refused: rejected: worst is force_balance")

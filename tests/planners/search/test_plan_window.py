@@ -54,19 +54,19 @@ def test_windows_join_to_a_walk_that_the_verifier_accepts(planner, course, horiz
     walk = joined(course, plans)
     report = check_plan(walk)
     assert report.accepted, report.message
-    assert walk.course.frames == course.frames
+    assert walk.problem.frames == course.frames
     np.testing.assert_array_equal(walk.com_m[-1], plans[-1].com_m[-1])
     for before, after in pairwise(plans):
         assert np.linalg.norm(after.com_m[0] - before.com_m[-1]) <= STANDING_M + 1e-9
-        np.testing.assert_allclose(after.toes_at(0), before.toes_at(before.course.frames - 1), atol=1e-9)
+        np.testing.assert_allclose(after.toes_at(0), before.toes_at(before.problem.frames - 1), atol=1e-9)
 
 
 def test_a_walk_that_stops_early_is_a_plan_of_the_beginning(planner, course):
     plans = walked(planner, course, 2)[:2]
     walk = joined(course, plans)
-    assert walk.course.frames == 3
+    assert walk.problem.frames == 3
     assert check_plan(walk).accepted
-    assert {stance.limbs for stance in walk.course.stances if stance.frame == 2} == {
+    assert {stance.limbs for stance in walk.problem.stances if stance.frame == 2} == {
         stance.limbs for stance in course.stances if stance.frame == 2
     }
 

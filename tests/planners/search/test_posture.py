@@ -21,7 +21,7 @@ from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner, settings_of
 from stancekit.planners.search.posture import TwoStagePlanner
-from stancekit.planners.verify import check_certificate, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 SEEDS = range(60)
 NO_PROOF = "the relaxation is infeasible; over a learned box that is no proof"
@@ -61,7 +61,7 @@ def test_a_status_is_always_one_of_the_whole_problem(programs, truth, learned, p
         assert outcome.method == planner.name
         if outcome.status is Status.FEASIBLE:
             assert exact.status is Status.FEASIBLE
-            assert check_posture(problem, outcome.solution).accepted
+            assert check_plan(outcome.solution).accepted
             assert outcome.claim == "feasible"
         elif outcome.status is Status.INFEASIBLE:
             assert exact.status is Status.INFEASIBLE

@@ -97,8 +97,8 @@ def test_a_toe_that_is_drawn_away_is_a_foot_out_of_reach(ragged, paired, program
     toes[-1] += 1.0
     report = check_plan(replace(plan, toes_m=toes))
     worst = {group.name: group for group in report.groups}["relative_reach"]
-    assert worst.value == pytest.approx(farthest(plan.course, toes))
-    assert worst.frame == plan.course.footholds[-1].frame
+    assert worst.value == pytest.approx(farthest(plan.problem, toes))
+    assert worst.frame == plan.problem.footholds[-1].frame
     assert not report.accepted
 
 

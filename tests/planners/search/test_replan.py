@@ -34,14 +34,14 @@ def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
     while frame < course.frames - 1:
         outcome = replan(state, course, frame=frame, horizon=2)
         assert outcome.status is Status.FEASIBLE
-        assert outcome.solution.course.frames == 3 - (frame + 2 > course.frames - 1)
+        assert outcome.solution.problem.frames == 3 - (frame + 2 > course.frames - 1)
         if state is not None:
             np.testing.assert_array_equal(outcome.solution.toes_m[: len(state.toes_m)], state.toes_m)
             assert np.linalg.norm(outcome.solution.com_m[0] - state.com_m) <= 1.001e-4
         plans.append(outcome.solution)
-        state, frame = Standing.at_end(outcome.solution), frame + outcome.solution.course.frames - 1
+        state, frame = Standing.at_end(outcome.solution), frame + outcome.solution.problem.frames - 1
     walk = joined(course, plans)
-    assert walk.course.frames == course.frames
+    assert walk.problem.frames == course.frames
     assert check_plan(walk).accepted
 
 

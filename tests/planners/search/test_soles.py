@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -25,13 +25,14 @@ from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.urdf import hexapod_urdf
+from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.decoupled import DecoupledPlanner
 from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import check_certificate, check_certificates, check_plan, check_posture, check_postures
+from stancekit.planners.verify import check_certificate, check_certificates, check_plan, check_postures
 
 HEIGHT_M, HALF_M, BALL_M = 0.3, (0.1, 0.05), 1e-4
 SOLE = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]) * HALF_M
@@ -104,7 +105,7 @@ def test_the_com_is_over_the_sole_and_nowhere_else(planner, direction, yaw):
     found, refuted = planner.solve(inside), planner.solve(outside)
     assert found.status is Status.FEASIBLE
     assert refuted.status is Status.INFEASIBLE
-    assert check_posture(inside, found.solution).accepted
+    assert check_plan(found.solution).accepted
     assert check_certificate(refuted.certificate.of(outside)).accepted
     assert not check_certificate(refuted.certificate.of(inside)).accepted
     assert planner.solve(on_one_sole(0.01, direction, sole=None)).status is Status.INFEASIBLE  # a point foot tips
@@ -114,9 +115,9 @@ def test_forces_at_the_points_are_in_their_cones_and_add_up(planner):
     problem = on_one_sole(0.06, 0.4, 0.2)
     posture = planner.solve(problem).solution
     patch = problem.contacts[0].patch
-    each = posture.point_forces_n[0] @ patch.frame
+    each = posture.point_forces_n[0, 0] @ patch.frame
     assert np.all(np.hypot(each[:, 1], each[:, 2]) <= patch.friction * each[:, 0] + 1e-5)
-    np.testing.assert_allclose(posture.point_forces_n.sum(axis=1), posture.forces_n, atol=1e-9)
+    np.testing.assert_allclose(posture.point_forces_n.sum(axis=2), posture.forces_n, atol=1e-9)
     pressure = each[:, 0] @ posture.points_m[0] / each[:, 0].sum()
     np.testing.assert_allclose(pressure[:2], problem.com_nominal_m[0, :2], atol=1e-5)
 
@@ -127,62 +128,59 @@ def stood(planner):
     return problem, planner.solve(problem).solution
 
 
-def forged(posture: Posture, **changes: np.ndarray) -> Posture:
-    return replace(posture, **changes)
-
-
 def test_soles_that_are_bent_stretched_turned_or_moved_are_refused(stood):
     problem, posture = stood
     points, toe = posture.points_m, posture.toes_m[0]
-    assert check_posture(problem, posture).accepted
+    assert check_plan(posture).accepted
     turned = 0.1 * np.cross([0.0, 0.0, 1.0], points - toe)
     bent = points.copy()
     bent[0, 0, 2] += 1e-3
     for wrong in (bent, toe + 1.02 * (points - toe), points + turned, np.add(points, [1e-3, 0.0, 0.0])):
-        report = check_posture(problem, forged(posture, points_m=wrong))
+        report = check_plan(replace(posture, points_m=wrong))
         assert not report.accepted
         assert max(report.groups, key=lambda group: group.worst).name == "patch"
-        assert check_postures([problem], [forged(posture, points_m=wrong)])[0] > 1e-4
+        assert check_postures([replace(posture, points_m=wrong)])[0] > 1e-4
     yawed = problem.posture_with(contacts=(replace(problem.contacts[0], yaw_rad=0.25),))
-    assert not check_posture(yawed, posture).accepted
+    assert not check_plan(replace(posture, problem=yawed)).accepted
     small = replace(ground(), vertices_m=ground().vertices_m * [0.09, 1.0, 1.0])
     with pytest.raises(InvalidInput, match=r"contacts\[0\].sole_m: expected room for a sole on the patch"):
         problem.posture_with(contacts=(replace(problem.contacts[0], patch=small),))
 
 
 def test_forces_that_do_not_add_up_and_arrays_that_lack_are_refused(stood):
-    problem, posture = stood
+    _, posture = stood
     more = posture.point_forces_n.copy()
-    more[0, 0] += 1.0
+    more[0, 0, 0] += 1.0
     for changes, message in (
         ({"point_forces_n": more}, "rejected: point_forces_n: expected forces that add up to forces_n"),
         ({"point_forces_n": None}, "rejected: point_forces_n: expected shape (1, 4, 3), got nothing"),
         ({"points_m": posture.points_m[:, :3]}, "rejected: points_m: expected shape (1, 4, 3), got (1, 3, 3)"),
     ):
-        assert check_posture(problem, replace(posture, **changes)).message == message
+        assert check_plan(replace(posture, **changes)).message == message
     shifted = more.copy()
-    shifted[0, 1] -= 1.0
-    report = check_posture(problem, replace(posture, point_forces_n=shifted))
+    shifted[0, 0, 1] -= 1.0
+    report = check_plan(replace(posture, point_forces_n=shifted))
     assert not report.accepted
 
 
 def test_points_of_feet_that_have_none_are_refused_alone_and_in_a_batch(stood, walk):
     """Nothing would judge them, or worse: a batch would judge the forces at them in place of those on the feet."""
-    problem, posture = stood
+    _, posture = stood
     point = on_one_sole(0.0, 0.0, sole=None)
-    held = Posture(
-        com_m=point.com_nominal_m[0], rotation_rad=np.zeros(3), toes_m=np.zeros((1, 3)),
+    held = Plan.of_posture(
+        point, com_m=point.com_nominal_m[0], rotation_rad=np.zeros(3), toes_m=np.zeros((1, 3)),
         forces_n=[[0.0, 0.0, point.weight_n]],
     )  # fmt: skip
-    floating = replace(held, forces_n=np.zeros((1, 3)))
-    assert check_posture(point, held).accepted
-    for wrong in (replace(floating, points_m=held.toes_m[:, None], point_forces_n=held.forces_n[:, None]),
+    floating = replace(held, forces_n=np.zeros((1, 1, 3)))
+    assert check_plan(held).accepted
+    for wrong in (replace(floating, points_m=held.toes_m[:, None], point_forces_n=held.forces_n[:, :, None]),
                   replace(held, points_m=np.full((3, 4, 3), np.nan)),
-                  replace(held, point_forces_n=np.zeros((1, 4, 3)))):  # fmt: skip
+                  replace(held, point_forces_n=np.zeros((1, 1, 4, 3)))):  # fmt: skip
         name = "points_m" if wrong.points_m is not None else "point_forces_n"
-        report, shape = check_posture(point, wrong), getattr(wrong, name).shape
+        report, array = check_plan(wrong), getattr(wrong, name)
+        shape = array.shape if name == "points_m" else array[0].shape  # as files have it
         assert report.message == f"rejected: {name}: expected none on point feet, got shape {shape}"
-        assert np.isinf(check_postures([point, problem], [wrong, posture])[0])
+        assert np.isinf(check_postures([wrong, posture])[0])
     plan = walk(2)
     assert check_plan(plan).accepted
     report = check_plan(replace(plan, points_m=plan.toes_m[:, None]))
@@ -191,19 +189,19 @@ def test_points_of_feet_that_have_none_are_refused_alone_and_in_a_batch(stood, w
 
 @pytest.mark.filterwarnings("error")
 def test_forces_beyond_all_numbers_are_refused_without_a_warning(stood):
-    problem, posture = stood
+    _, posture = stood
     for size in (1e300, 1.7e308):
         huge = np.full_like(posture.point_forces_n, size)
-        report = check_posture(problem, replace(posture, point_forces_n=huge))
+        report = check_plan(replace(posture, point_forces_n=huge))
         assert report.message == "rejected: point_forces_n: expected forces that add up to forces_n"
 
 
 def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
     """Also those in which only point feet carry, or only soles with fewer points than others have."""
     plan, soles = walk(3), {"RF": SOLE, "RR": SOLE[:3], "LM": SOLE}
-    robot = plan.course.robot
+    robot = plan.problem.robot
     limbs = tuple(replace(limb, sole_m=0.1 * soles[limb.name] if limb.name in soles else None) for limb in robot.limbs)
-    course = replace(plan.course, robot=replace(robot, limbs=limbs))
+    course = replace(plan.problem, robot=replace(robot, limbs=limbs))
     shares = np.zeros((len(limbs), 4))  # (q_1 + q_3) / 2 is the centre
     shares[:, 0] = [0.5 if limb.sole_m is not None else 1.0 for limb in limbs]
     shares[:, 2] = 1.0 - shares[:, 0]
@@ -213,13 +211,13 @@ def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
         points[p, : len(its)] += its
         assert len(its) == len(soles.get(put.limb, [0]))
     on_soles = replace(
-        plan, course=course, points_m=points, point_forces_n=plan.forces_n[:, :, None] * shares[None, :, :, None]
+        plan, problem=course, points_m=points, point_forces_n=plan.forces_n[:, :, None] * shares[None, :, :, None]
     )
     assert check_plan(on_soles).accepted
     kinds = set()
-    for row, stance in enumerate(course.stances):
+    for row in range(len(course.stances)):
         posture = on_soles.posture(row)
-        assert check_posture(course.posture_problem(stance, plan.choice), posture).accepted
+        assert check_plan(posture).accepted
         kinds.add(None if posture.points_m is None else posture.points_m.shape[1])
     assert kinds == {None, 4}
 
@@ -228,7 +226,7 @@ def test_answers_and_problems_come_back_from_their_files(stood):
     problem, posture = stood
     again = Problem.from_json(json.loads(json.dumps(problem.to_json())))
     assert again.to_json() == problem.to_json()
-    assert check_posture(again, answer_from_json(json.loads(json.dumps(posture.to_json())))).accepted
+    assert check_plan(answer_from_json(json.loads(json.dumps(posture.to_json())), again)).accepted
     assert "sole_m" not in json.dumps(on_one_sole(0.01, 0.0, sole=None).to_json())
 
 
@@ -245,7 +243,7 @@ def test_every_projection_comes_to_the_surface_of_soles(programs, soled, drawn, 
         start = project(programs, "fix-toes", scaled, lift.rounded()[1]) if name == "fix-f" else lift.rounded()[1]
         point = project(programs, name, scaled, start)
         if point.residual <= SURFACE:
-            assert check_posture(problem, scaled.posture(point)).accepted
+            assert check_plan(plan_of(problem, scaled, scaled.numbers, point)).accepted
             arrived += 1
     assert arrived > 2
 
@@ -381,7 +379,7 @@ def test_forged_plans_with_soles_are_refused(climbed):
     bent[3, 1, 2] += 1e-3
     moved[3] += [1e-3, 0.0, 0.0]
     other = plan.choice.copy()
-    put = plan.course.footholds[3]
+    put = plan.problem.footholds[3]
     same = [r for r, patch in enumerate(put.candidates) if patch is put.candidates[other[3]] and r != other[3]]
     other[3] = same[0]
     forces = plan.point_forces_n.copy()
@@ -407,11 +405,11 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     rest = replan(standing, course, frame=4)
     assert rest.status is Status.FEASIBLE
     np.testing.assert_allclose(
-        rest.solution.points_m[:2], begin.solution.points_m[begin.solution.course.holds[-1]], atol=1e-9
+        rest.solution.points_m[:2], begin.solution.points_m[begin.solution.problem.holds[-1]], atol=1e-9
     )
     with pytest.raises(InvalidInput, match="expected the yaws of the soles that stand, got none"):
         replan(replace(standing, yaws_rad=()), course, frame=4)
-    assert len(plan.course.footholds) == 6
+    assert len(plan.problem.footholds) == 6
 
 
 def test_plans_with_soles_are_not_executed(climbed):
@@ -425,7 +423,7 @@ def test_plans_with_soles_are_not_executed(climbed):
         "executed"
     )
     with pytest.raises(InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"):
-        hexapod_urdf(plan.course.robot)
+        hexapod_urdf(plan.problem.robot)
     assert check_plan(plan, joints=True).group("joints").verdict == "not checked"
 
 

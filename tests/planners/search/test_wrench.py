@@ -21,7 +21,7 @@ from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
 from stancekit.planners.search.screen import unsupported
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.verify import check_certificate, check_plan, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 
 
 def random_wrench(problem: Problem, rng: np.random.Generator) -> np.ndarray:
@@ -42,8 +42,8 @@ def test_every_method_carries_a_wrench_or_proves_that_none_can(drawn: Callable[[
             where = f"{name} {seed} {method}"
             if answer.solution is not None and answer.status is Status.FEASIBLE:
                 posture, wrench = answer.solution, problem.wrench[0]
-                force = posture.forces_n.sum(axis=0) + wrench[:3] - [0.0, 0.0, problem.weight_n]
-                moment = np.cross(posture.toes_m - posture.com_m, posture.forces_n).sum(axis=0) + wrench[3:]
+                force = posture.forces_n[0].sum(axis=0) + wrench[:3] - [0.0, 0.0, problem.weight_n]
+                moment = np.cross(posture.toes_m - posture.com_m, posture.forces_n[0]).sum(axis=0) + wrench[3:]
                 np.testing.assert_allclose([*force, *moment], 0.0, atol=2e-4, err_msg=where)
             if answer.certificate is not None:
                 assert check_certificate(answer.certificate).accepted, where
@@ -63,10 +63,10 @@ def test_a_batch_decides_as_its_problems_do_one_by_one(programs: Programs) -> No
     assert [answer.status for answer in together] == [answer.status for answer in alone]
     refused = unsupported(ScaledBatch.of(batch))
     counts = {Status.FEASIBLE: 0, Status.INFEASIBLE: 0}
-    for problem, answer, hopeless in zip(batch.problems, together, refused, strict=True):
+    for answer, hopeless in zip(together, refused, strict=True):
         counts[answer.status] += 1
         if answer.solution is not None:
-            assert check_posture(problem, answer.solution).accepted
+            assert check_plan(answer.solution).accepted
             assert not hopeless
         else:
             assert answer.certificate is not None
@@ -109,7 +109,7 @@ def test_courses_carry_a_wrench_that_changes_or_it_is_proved_that_none_can(
         for answer in (best, found):
             if answer.solution is not None:
                 assert check_plan(answer.solution).accepted
-                assert not check_plan(replace(answer.solution, course=plain)).accepted
+                assert not check_plan(replace(answer.solution, problem=plain)).accepted
             if answer.certificate is not None:
                 assert check_certificate(answer.certificate).accepted
         assert {best.status, found.status} != {Status.FEASIBLE, Status.INFEASIBLE}
@@ -135,7 +135,7 @@ def test_forces_that_are_distributed_anew_carry_the_wrench() -> None:
     answer = stancekit.plan("stairs", frames=3, wrench=(2.0, -4.0, -15.0, 0.5, 1.0, -0.3))
     plan = answer.solution
     assert plan is not None
-    course, wrench = plan.course, plan.course.wrench
+    course, wrench = plan.problem, plan.problem.wrench
     assert wrench is not None
     distribution = ForceDistribution(6)
     anew = [(stance.frame, distribution.solve(plan, row)) for row, stance in enumerate(course.stances)]

@@ -26,13 +26,13 @@ def plate(x: float, height: float, half: float = 0.01) -> Patch:
 
 
 def with_patch(plan: Plan, patch: Patch) -> Plan:
-    return replace(plan, course=replace(plan.course, terrain=(*plan.course.terrain, patch)))
+    return replace(plan, problem=replace(plan.problem, terrain=(*plan.problem.terrain, patch)))
 
 
 def test_a_block_in_the_goal_is_refused_with_link_depth_and_frame(walk) -> None:
     plan = walk(5)
     under = plan.com_m[-1, 2] - BODY_HEIGHT_M / 2
-    radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in plan.course.robot.limbs])
+    radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in plan.problem.robot.limbs])
     ahead = plan.com_m[-1, 0] + radius  # under the front of the trunk as it stands in the end, and not before
     inside = with_patch(plan, plate(ahead - 0.015, under + 0.006))
     assert check_plan(inside).accepted  # contacts know nothing of bodies

@@ -73,7 +73,7 @@ def test_the_same_proof_says_nothing_of_a_course_with_more_friction_or_reach(sli
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-3, 1e3), few=st.booleans())
 @settings(max_examples=40)
 def test_no_multipliers_refute_a_course_that_has_a_plan(walk, seed, size, few):
-    course, rng = walk(3, "tripod").course, np.random.default_rng(seed)
+    course, rng = walk(3, "tripod").problem, np.random.default_rng(seed)
     row = size * rng.normal(size=count_of(course))
     if few:
         row *= rng.random(row.size) < 0.05
@@ -173,7 +173,7 @@ def test_a_leaf_must_refute_all_candidates_that_are_open_there(slippery):
 
 
 def test_moves_are_those_of_the_schedule(walk):
-    course = walk(4, "wave").course
+    course = walk(4, "wave").problem
     moves = Schedule.of_course(course).moves
     assert len(moves) == 3
     for (before, after), lifted in zip(moves, course.lifts[1:], strict=True):

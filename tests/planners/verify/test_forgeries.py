@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.verify import check_certificate, check_plan, check_posture
+from stancekit.planners.verify import check_certificate, check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 from tests.forgeries import judge_walks, links, stances
@@ -41,8 +41,8 @@ plan, posture, proofs = cache(stances.honest_plan), cache(stances.honest_posture
 def test_the_honest_plan_and_posture_are_accepted_by_both() -> None:
     assert check_plan(plan()).accepted
     assert stances.plan_fault(plan()) == ""
-    assert check_posture(*posture()).accepted
-    assert stances.posture_fault(*posture()) == ""
+    assert check_plan(posture()).accepted
+    assert stances.posture_fault(posture()) == ""
 
 
 @pytest.mark.parametrize("name", stances.PLANS)
@@ -67,13 +67,13 @@ def test_links_inside_each_other_are_refused_in_plans_and_walks_at_moments_and_b
 
 @pytest.mark.parametrize("name", stances.POSTURES)
 def test_a_forged_posture_is_refused(name: str) -> None:
-    problem, forged = stances.POSTURES[name](*posture(), 3.0, np.random.default_rng(3))
-    assert stances.posture_fault(problem, forged)
-    assert not check_posture(problem, forged).accepted
+    forged = stances.POSTURES[name](posture(), 3.0, np.random.default_rng(3))
+    assert stances.posture_fault(forged)
+    assert not check_plan(forged).accepted
 
 
 def test_no_proof_is_one_of_a_problem_that_has_a_posture() -> None:
-    assert stances.has_witness(posture()[0])
+    assert stances.has_witness(posture().problem)
     for name, forge in proofs().items():
         problem, forged = forge(3.0, np.random.default_rng(3))
         assert not check_certificate(forged.of(problem)).accepted, name

@@ -40,8 +40,8 @@ def test_terrain_that_is_slicker_or_faces_elsewhere_does_not_carry(terrain):
 def test_a_plan_whose_terrain_is_elsewhere_is_refused(walk):
     plan = walk()
     assert check_plan(plan).accepted
-    moved = tuple(patch.with_vertices(patch.vertices_m + np.array([50.0, 0.0, 0.0])) for patch in plan.course.terrain)
-    report = check_plan(replace(plan, course=replace(plan.course, terrain=moved)))
+    moved = tuple(patch.with_vertices(patch.vertices_m + np.array([50.0, 0.0, 0.0])) for patch in plan.problem.terrain)
+    report = check_plan(replace(plan, problem=replace(plan.problem, terrain=moved)))
     worst = max(report.groups, key=lambda group: group.worst)
     assert not report.accepted
     assert worst.name == "terrain"

@@ -47,7 +47,7 @@ def table(com_m: tuple[float, float], friction: float) -> Plan:
     forces[0, :, 2] = shares * WEIGHT_N
     problem = Problem.posture(contacts, mass_kg=MASS_KG, com_nominal_m=com, com_radius_m=0.1)
     return Plan(
-        course=problem.course(),
+        problem=problem.course(),
         com_m=com[None],
         rotation_rad=np.zeros((1, 3)),
         toes_m=np.array(toes),
@@ -77,12 +77,12 @@ def test_a_table_that_gives_way_tips_earlier(yields_m: float) -> None:
 
 def test_the_verdict_is_on_a_body_that_gives_way_and_a_push_that_is_asked_for_is_balanced() -> None:
     plan = table((0.0, 0.0), friction=5.0)
-    yields_m = 0.12 * np.mean([limb.reach_m for limb in plan.course.robot.limbs])
+    yields_m = 0.12 * np.mean([limb.reach_m for limb in plan.problem.robot.limbs])
     group = margin_group(plan)
     assert group.figures["push_n"] == pytest.approx(WEIGHT_N * HALF_M / (HEIGHT_M + yields_m), rel=0.02)
     balanced_n = WEIGHT_N * HALF_M / HEIGHT_M
     for share, verdict in ((0.95, "holds"), (1.05, "violated")):
-        asked = replace(plan, course=replace(plan.course, push_n=share * balanced_n))
+        asked = replace(plan, problem=replace(plan.problem, push_n=share * balanced_n))
         assert margin_group(asked).verdict == verdict
 
 
@@ -100,7 +100,7 @@ def test_a_centre_beyond_the_feet_has_no_margin() -> None:
 
 def test_the_region_of_a_table_is_the_square_of_its_feet() -> None:
     plan = table((0.02, 0.01), friction=1.0)
-    corners = support_region(plan, plan.course.stances[0])
+    corners = support_region(plan, plan.problem.stances[0])
     assert np.abs(corners).max() <= HALF_M + 1e-6
     for corner in HALF_M * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]):
         assert np.linalg.norm(corners - corner, axis=1).min() < 1e-5
@@ -115,7 +115,7 @@ def climb() -> Plan:
 
 def held(plan: Plan, stance: Stance, push_n: float, turn: float) -> bool:
     """Whether a stance bears a push, by the program that distributes forces, which has other rows."""
-    course = plan.course
+    course = plan.problem
     arms = plan.toes_at(stance.frame) - plan.com_m[stance.frame]
     patches = [course.patch(int(index), plan.choice) for index in course.holds[stance.frame]]
     bears = np.isin(np.arange(6), stance.limbs)
@@ -126,7 +126,7 @@ def held(plan: Plan, stance: Stance, push_n: float, turn: float) -> bool:
 
 def test_a_push_that_is_said_to_be_borne_has_forces_in_all_directions(climb: Plan) -> None:
     turns = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
-    for margin, stance in zip(stance_margins(climb), climb.course.stances, strict=True):
+    for margin, stance in zip(stance_margins(climb), climb.problem.stances, strict=True):
         assert all(held(climb, stance, 0.99 * margin.push_n, turn) for turn in turns)
         assert not all(held(climb, stance, 1.05 * margin.push_n, turn) for turn in turns)
 
@@ -139,10 +139,10 @@ def test_a_plan_bears_the_push_that_is_asked_for() -> None:
     found = stancekit.plan("stairs", frames=6, push_n=wanted_n)
     assert found.status is stancekit.Status.FEASIBLE
     assert found.solution is not None
-    assert found.solution.course.push_n == wanted_n
+    assert found.solution.problem.push_n == wanted_n
     assert min(margin.push_n for margin in stance_margins(found.solution)) >= wanted_n
     assert plain.solution is not None
-    asked = replace(plain.solution, course=replace(plain.solution.course, push_n=wanted_n))
+    asked = replace(plain.solution, problem=replace(plain.solution.problem, push_n=wanted_n))
     report = check_plan(asked)
     assert not report.accepted
     assert report.message == "rejected: contacts hold, a push is too much"
@@ -162,6 +162,6 @@ def test_a_push_that_no_stance_bears_is_undecided_and_one_beyond_all_feet_is_ref
 def test_files_say_what_a_plan_has_to_bear(climb: Plan) -> None:
     from stancekit.planners.problem.course_json import course_from_json, course_to_json
 
-    assert "push_n" not in course_to_json(climb.course)
-    course = replace(climb.course, push_n=12.0)
+    assert "push_n" not in course_to_json(climb.problem)
+    course = replace(climb.problem, push_n=12.0)
     assert course_from_json(course_to_json(course)).push_n == 12.0

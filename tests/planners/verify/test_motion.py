@@ -38,7 +38,7 @@ def test_moments_are_a_centimetre_apart_and_meet_every_key_frame(walk: Callable[
 def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]) -> None:
     """A bead where the shank of a limb is in the middle of its swing, which no link is in at any key frame."""
     plan = with_joints(walk(3))
-    solver = Kinematics(plan.course.robot)
+    solver = Kinematics(plan.problem.robot)
     moments, postures = JointPath(PlanPath(plan), solver).judged()
     middle = int(np.argmin(np.abs(moments.frame - 1.5)))
     limb = int(np.flatnonzero(moments.foothold[middle] < 0)[0])
@@ -46,14 +46,14 @@ def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]
     at = postures.origins_m[middle] + postures.rotations[middle] @ (0.4 * knee + 0.6 * foot)
     corners = at + 0.004 * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
     bead = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
-    strung = replace(plan, course=replace(plan.course, terrain=(*plan.course.terrain, bead)))
+    strung = replace(plan, problem=replace(plan.problem, terrain=(*plan.problem.terrain, bead)))
     report = check_plan(strung, joints=True)
     assert report.group("bodies").verdict == "holds"
     assert report.group("motion").verdict == "violated"
     assert not report.accepted
     assert report.message == "rejected: contacts hold, bodies collide"
     assert 1.0 < report.group("motion").figures["worst"]["frame"] < 2.0
-    assert report.group("motion").figures["worst"]["link"].startswith(plan.course.robot.limb_names[limb])
+    assert report.group("motion").figures["worst"]["link"].startswith(plan.problem.robot.limb_names[limb])
     assert check_plan(plan, joints=True).accepted
     unseen = [group if group.name != "motion" else replace(group, verdict="not checked") for group in report.groups]
     assert report.digest != replace(report, groups=tuple(unseen)).digest

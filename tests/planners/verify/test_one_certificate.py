@@ -123,7 +123,7 @@ def test_every_leaf_of_any_tree_is_worth_the_same_on_either(refuted, seed):
 @settings(max_examples=40, deadline=None)
 def test_no_tree_refutes_a_course_that_has_a_plan(walk, seed):
     rng = np.random.default_rng(seed)
-    course = walk(3, "tripod").course
+    course = walk(3, "tripod").problem
     tree, leaves = random_tree(rng, course)
     count = multiplier_count(Schedule.of_course(course))
     rows = rng.normal(size=(leaves, count)) * (rng.random((leaves, count)) < rng.choice([0.02, 0.3, 1.0]))

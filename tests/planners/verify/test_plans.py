@@ -28,17 +28,17 @@ def changed(plan, name, at, by):
 
 
 def foothold_of(plan, frame, limb):
-    return next(p for p, put in enumerate(plan.course.footholds) if (put.frame, put.limb) == (frame, limb))
+    return next(p for p, put in enumerate(plan.problem.footholds) if (put.frame, put.limb) == (frame, limb))
 
 
 def row_of(plan, frame, limb, *, carries):
-    course = plan.course
+    course = plan.problem
     i = course.robot.limb_names.index(limb)
     return next(r for r, s in enumerate(course.stances) if s.frame == frame and (i in s.limbs) == carries), i
 
 
 def test_a_schedule_says_who_carries_on_which_foothold(walk):
-    course = walk(5, "tripod").course
+    course = walk(5, "tripod").problem
     table = [
         np.arange(len(course.footholds)) == course.holds[stance.frame, limb]
         for stance in course.stances
@@ -105,8 +105,8 @@ def test_a_toe_off_its_patch_is_named_with_frame_and_limb(limb, frame, walk):
 
 def test_a_long_step_of_a_toe_is_named_with_frame_and_limb(walk):
     plan = walk()
-    limits = replace(plan.course.steps, toe_m=0.06)
-    plan = replace(plan, course=replace(plan.course, steps=limits))
+    limits = replace(plan.problem.steps, toe_m=0.06)
+    plan = replace(plan, problem=replace(plan.problem, steps=limits))
     assert check_plan(plan).accepted  # two steps of the body, one after the other: 0.06 m
     bad = changed(plan, "toes_m", (foothold_of(plan, 3, "LM"), 0), 0.03)
     found = next(g for g in check_plan(bad).groups if g.name == "toe_step")
@@ -124,17 +124,17 @@ def test_a_toe_that_stood_elsewhere_is_refused(walk):
 
 def test_a_limb_out_of_reach_is_named_also_where_it_does_not_carry(walk):
     plan = walk()
-    last = plan.course.frames - 1
-    plan = replace(plan, course=replace(plan.course, next_lift=()))  # who moved last carries nowhere
-    plan = replace(plan, forces_n=plan.forces_n[: len(plan.course.stances)])
+    last = plan.problem.frames - 1
+    plan = replace(plan, problem=replace(plan.problem, next_lift=()))  # who moved last carries nowhere
+    plan = replace(plan, forces_n=plan.forces_n[: len(plan.problem.stances)])
     assert check_plan(plan).accepted
-    limb = plan.course.lifts[last][0]
-    patch = plan.course.footholds[foothold_of(plan, last, limb)]
+    limb = plan.problem.lifts[last][0]
+    patch = plan.problem.footholds[foothold_of(plan, last, limb)]
     wide = replace(patch.candidates[1], vertices_m=3.0 * (patch.candidates[1].vertices_m - patch.candidates[1].centre_m)
                    + patch.candidates[1].centre_m)  # fmt: skip
-    put = tuple(replace(p, candidates=(wide, wide)) if p is patch else p for p in plan.course.footholds)
-    steps = replace(plan.course.steps, toe_m=1.0)
-    plan = replace(plan, course=replace(plan.course, footholds=put, steps=steps))
+    put = tuple(replace(p, candidates=(wide, wide)) if p is patch else p for p in plan.problem.footholds)
+    steps = replace(plan.problem.steps, toe_m=1.0)
+    plan = replace(plan, problem=replace(plan.problem, footholds=put, steps=steps))
     report = check_plan(changed(plan, "toes_m", (foothold_of(plan, last, limb), 0), 0.29))
     found = worst_of(report)
     assert (found.name, found.frame, found.where) == ("reach", last, limb)
@@ -204,13 +204,13 @@ def test_the_linearised_rotation_is_reported_against_the_exact_one(walk):
     plan = walk()
     theta = np.array([0.05, -0.1, 0.12])
     report = check_plan(replace(plan, rotation_rad=np.tile(theta, (5, 1))))
-    mounts = np.array([limb.shoulder_m for limb in plan.course.robot.limbs])
+    mounts = np.array([limb.shoulder_m for limb in plan.problem.robot.limbs])
     exact = Rotation.from_rotvec(theta).apply(mounts)
     assert report.figures["linearisation_m"] == pytest.approx(
         np.linalg.norm(exact - mounts - np.cross(theta, mounts), axis=1).max()
     )
     beyond = [
-        np.linalg.norm(plan.toes_at(k) - plan.com_m[k] - exact, axis=1) - plan.course.robot.limbs[0].reach_m
+        np.linalg.norm(plan.toes_at(k) - plan.com_m[k] - exact, axis=1) - plan.problem.robot.limbs[0].reach_m
         for k in range(5)
     ]
     assert report.figures["exact_reach_m"] == pytest.approx(max(0.0, np.max(beyond)))
@@ -223,14 +223,14 @@ def test_no_change_of_a_force_or_of_level_com_goes_unseen(walk, seed):
     plan = walk()
     if rng.random() < 0.5:
         row = rng.integers(len(plan.forces_n))
-        limbs = plan.course.stances[row].limbs
+        limbs = plan.problem.stances[row].limbs
         at, name = (row, rng.choice(limbs), rng.integers(3)), "forces_n"
     else:
         at, name = (rng.integers(5), rng.integers(2)), "com_m"
     size = 10.0 ** rng.uniform(-3.0, 1.0) * rng.choice([-1.0, 1.0])
     report = check_plan(changed(plan, name, at, size))
     assert not report.accepted
-    assert worst_of(report).frame == (plan.course.stances[at[0]].frame if name == "forces_n" else at[0])
+    assert worst_of(report).frame == (plan.problem.stances[at[0]].frame if name == "forces_n" else at[0])
 
 
 def test_the_digest_speaks_of_course_plan_tolerance_and_verdict(walk):
@@ -239,7 +239,7 @@ def test_the_digest_speaks_of_course_plan_tolerance_and_verdict(walk):
         check_plan(plan).digest,
         check_plan(plan, tolerance=1e-5).digest,
         check_plan(changed(plan, "com_m", (0, 0), 1e-9)).digest,
-        check_plan(replace(plan, course=replace(plan.course, goal_m=[1.0, 0.0, 0.0]))).digest,
+        check_plan(replace(plan, problem=replace(plan.problem, goal_m=[1.0, 0.0, 0.0]))).digest,
     }
     assert len(digests) == 4
     assert check_plan(walk()).digest in digests
@@ -272,14 +272,14 @@ def test_joints_are_a_section_of_their_own(walk):
     assert heavy.group("joints").verdict == "holds"
     assert heavy.group("torque").verdict == "violated"
     assert "Nm in a joint" in heavy.group("torque").message
-    assert heavy.to_json()["torque"]["worst"]["limb"] in plan.course.robot.limb_names
+    assert heavy.to_json()["torque"]["worst"]["limb"] in plan.problem.robot.limb_names
 
 
 def test_a_limb_that_stays_but_stands_elsewhere_is_refused_with_its_frame(walk):
     """A forged schedule: who is put down at frame 2 is said to stay."""
     plan = walk(5, "tripod")
-    course = replace(plan.course)
+    course = replace(plan.problem)
     stays, *others = course.lifts[2]
     vars(course)["lifts"] = (*course.lifts[:2], tuple(others), *course.lifts[3:])
-    (group,) = (each for each in check_plan(replace(plan, course=course)).groups if each.name == "schedule")
+    (group,) = (each for each in check_plan(replace(plan, problem=course)).groups if each.name == "schedule")
     assert (group.worst, group.frame, group.where) == (np.inf, 2, stays)

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import BETWEEN, GROUPS, check_plan, check_posture, check_postures
+from stancekit.planners.verify import BETWEEN, GROUPS, check_plan, check_postures
 from stancekit.planners.verify.geometry import patch_distances
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -34,10 +34,10 @@ def perturbed(plan, rng, size):
 def test_the_sweep_finds_what_the_check_of_every_stance_finds(walk, seed, gait, size):
     rng = np.random.default_rng(seed)
     plan = perturbed(walk(int(rng.integers(1, 6)), gait), rng, size)
-    course = plan.course
+    course = plan.problem
     worst = dict.fromkeys(GROUPS, (0.0, -1))
     for row, stance in enumerate(course.stances):
-        for group in check_posture(course.posture_problem(stance, plan.choice), plan.posture(row)).groups:
+        for group in check_plan(plan.posture(row)).groups:
             if group.worst > worst[group.name][0]:
                 worst[group.name] = (group.worst, stance.frame)
     looked = 0
@@ -57,7 +57,7 @@ def test_the_sweep_finds_what_the_check_of_every_stance_finds(walk, seed, gait, 
 def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed, gait):
     rng = np.random.default_rng(seed)
     plan = perturbed(walk(4, gait), rng, 0.3)
-    course, names = plan.course, plan.course.robot.limb_names
+    course, names = plan.problem, plan.problem.robot.limb_names
     worst = 0.0
     for k in range(course.frames - 1):
         stay = tuple(i for i, name in enumerate(names) if name not in course.lifts[k + 1])
@@ -74,26 +74,26 @@ def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed,
                 com_nominal_m=(1 - t) * course.com_nominal_m[k] + t * course.com_nominal_m[k + 1],
                 com_radius_m=(1 - t) * course.com_radius_m[k] + t * course.com_radius_m[k + 1],
             )
-            posture = Posture(**mixed, toes_m=plan.toes_at(k)[list(stay)], forces_n=forces[list(stay)])
-            worst = max(worst, check_posture(problem, posture).worst)
+            on = list(stay)
+            posture = Plan.of_posture(problem, **mixed, toes_m=plan.toes_at(k)[on], forces_n=forces[on])
+            worst = max(worst, check_plan(posture).worst)
     assert check_plan(plan).figures["between"] == pytest.approx(worst, rel=1e-12)
 
 
 def test_many_postures_at_once_are_judged_as_each_alone():
-    rng, problems, postures = np.random.default_rng(0), [], []
+    rng, postures = np.random.default_rng(0), []
     for k in range(40):
         problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[k % 3]].sample(rng)
         toes = [c.patch.centre_m + rng.normal(0, 0.03, 3) for c in problem.contacts]
         com, rotation, forces = rng.normal(0, 0.1, 3), rng.normal(0, 0.2, 3), rng.normal(0, 80, (len(toes), 3))
         bad = {7: {"toes_m": toes[:-1]}, 11: {"com_m": com * np.nan}, 13: {"forces_n": 1e300 * forces}}.get(k, {})
         values = {"com_m": com, "rotation_rad": rotation, "toes_m": toes, "forces_n": forces} | bad
-        problems.append(problem)
-        postures.append(Posture(**values))
-    found = check_postures(problems, postures)
-    alone = [check_posture(*pair).worst for pair in zip(problems, postures, strict=True)]
+        postures.append(Plan.of_posture(problem, **values))
+    found = check_postures(postures)
+    alone = [check_plan(posture).worst for posture in postures]
     np.testing.assert_allclose(found, alone, rtol=1e-12)
     assert np.isinf(found).sum() == 3
-    assert check_postures([], []).shape == (0,)
+    assert check_postures([]).shape == (0,)
 
 
 def test_a_toe_off_a_patch_of_many_corners_is_measured_in_no_time():

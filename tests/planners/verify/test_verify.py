@@ -17,10 +17,10 @@ from scipy.optimize import nnls
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.posture import Posture
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain, geometry
+from stancekit.planners.verify import GROUPS, check_certificate, check_plan, explain, geometry
 from stancekit.planners.verify.geometry import cut, sag, triangle_distances
 from stancekit.planners.verify.work import least_works
 
@@ -60,14 +60,19 @@ def problem_of(*contacts, com=(0.0, 0.0, 0.0), radius=0.08, **rest):
 
 def standing(*, com=(0, 0, 0), rotation=(0, 0, 0), toe=(0, 0, -0.2), force=(0, 0, WEIGHT_N)):
     """The posture on one flat patch straight below the COM."""
-    return Posture(com_m=com, rotation_rad=rotation, toes_m=[toe], forces_n=[force])
+    return Plan.of_posture(problem_of(ground()), com_m=com, rotation_rad=rotation, toes_m=[toe], forces_n=[force])
 
 
 def bracing(normal_n):
     """Two limbs that press on two facing walls and carry half the weight each."""
     forces = [[0, -normal_n, WEIGHT_N / 2], [0, normal_n, WEIGHT_N / 2]]
     toes = [[0, 0.4, 0], [0, -0.4, 0]]
-    return Posture(com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces)
+    problem = problem_of(wall("LM", 1), wall("RM", -1))
+    return Plan.of_posture(problem, com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces)
+
+
+def check_posture(problem, posture, **tolerance):
+    return check_plan(replace(posture, problem=problem), **tolerance)
 
 
 def violations(report):
@@ -136,21 +141,21 @@ def test_the_rotation_moves_the_shoulders_by_its_cross_product():
 def test_every_group_agrees_with_a_slow_reference_at_random_postures(seed):
     rng = np.random.default_rng(seed)
     problem = DISTRIBUTIONS[rng.choice(["wall-3", "wall-5", "ground-3"])].sample(rng)
-    posture = Posture(
-        com_m=rng.normal(0, 0.1, 3), rotation_rad=rng.normal(0, 0.2, 3),
+    posture = Plan.of_posture(
+        problem, com_m=rng.normal(0, 0.1, 3), rotation_rad=rng.normal(0, 0.2, 3),
         toes_m=[c.patch.centre_m + rng.normal(0, 0.03, 3) for c in problem.contacts],
         forces_n=rng.normal(0, 80, (len(problem.contacts), 3)),
     )  # fmt: skip
     got = {g.name: g.value for g in check_posture(problem, posture).groups}
-    x, y, z = posture.rotation_rad
+    x, y, z = posture.rotation_rad[0]
     turned = np.eye(3) + np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     net, moment = np.array([0, 0, -problem.weight_n]), np.zeros(3)
     worst = dict.fromkeys(("friction", "force_bounds", "reach", "patch"), 0.0)
-    for contact, toe, force in zip(problem.contacts, posture.toes_m, posture.forces_n, strict=True):
-        net, moment = net + force, moment + np.cross(toe - posture.com_m, force)
+    for contact, toe, force in zip(problem.contacts, posture.toes_m, posture.forces_n[0], strict=True):
+        net, moment = net + force, moment + np.cross(toe - posture.com_m[0], force)
         f = contact.patch.frame.T @ force
         outside = np.maximum(contact.force_min * WEIGHT_N - f, f - contact.force_max * WEIGHT_N).max()
-        arm = np.linalg.norm(toe - posture.com_m - turned @ contact.shoulder_m)
+        arm = np.linalg.norm(toe - posture.com_m[0] - turned @ contact.shoulder_m)
         found = {
             "friction": np.hypot(f[1], f[2]) - contact.patch.friction * f[0],
             "force_bounds": outside,
@@ -210,7 +215,8 @@ def test_the_patch_distance_is_that_from_the_convex_hull(seed, bend):
 @pytest.mark.parametrize("name", ["com_m", "rotation_rad", "toes_m", "forces_n"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, "shape", "scalar"])
 def test_what_is_no_posture_is_rejected_without_an_exception(name, bad):
-    values = vars(standing()).copy()
+    posture = standing()
+    values = {each: np.array(value) for each, value in posture.to_json().items()}
     if bad == "shape":
         values[name] = np.zeros((2, 3))
     elif bad == "scalar":
@@ -218,7 +224,7 @@ def test_what_is_no_posture_is_rejected_without_an_exception(name, bad):
     else:
         values[name] = values[name].copy()
         values[name].flat[1] = bad
-    report = check_posture(problem_of(ground()), Posture(**values), tolerance=np.inf if bad != 1e300 else 1e-6)
+    report = check_plan(Plan.of_posture(problem_of(ground()), **values), tolerance=np.inf if bad != 1e300 else 1e-6)
     assert not report.accepted
     if bad != 1e300:
         assert report.worst == np.inf
@@ -577,8 +583,8 @@ def feasible(rng):
             )
         if max(contact.patch.friction for contact in contacts) < 3:
             limits = {"com_nominal_m": com + np.array([0.08, 0, 0]), "tilt_limit_rad": np.abs(rotation).max()}
-            posture = Posture(com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)
-            return problem.posture_with(contacts=tuple(contacts), **limits), posture
+            problem = problem.posture_with(contacts=tuple(contacts), **limits)
+            return Plan.of_posture(problem, com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)
 
 
 def slipperier(problem, share):
@@ -593,8 +599,9 @@ def slipperier(problem, share):
 def test_no_certificate_refutes_a_problem_that_has_a_posture(refuted):
     rng, accepted_elsewhere = np.random.default_rng(5), 0
     for _ in range(12):
-        problem, witness = feasible(rng)
-        assert check_posture(problem, witness, tolerance=1e-9).accepted
+        witness = feasible(rng)
+        problem = witness.problem
+        assert check_plan(witness, tolerance=1e-9).accepted
         for share in (0.4, 0.3, 0.2):
             value, proof = lift_certificate(slipperier(problem, share))
             if proof is not None and value > 1e-3:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.trajectory import robot_from_json, robot_to_json
+from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -58,7 +58,7 @@ def test_a_robot_that_stands_higher_than_its_feet_are_is_none() -> None:
 
 @pytest.mark.parametrize("name", ["stand_height_m", "inertia_kgm2", "trunk_half_m"])
 def test_a_walk_of_a_built_in_robot_is_held_to_its_numbers(name: str) -> None:
-    data = robot_to_json(hexapod_walker())
+    data = hexapod_walker().to_json()
     assert robot_from_json(data).name == "hexapod"
     data[name] = 1.01 * data[name] if name == "stand_height_m" else (0.99 * np.array(data[name])).tolist()
     with pytest.raises(InvalidInput, match=f"expected the numbers of the built-in hexapod, got others: {name}"):

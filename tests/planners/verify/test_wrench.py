@@ -11,13 +11,12 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.posture import Posture
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.wrench import at_point
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import check_certificate, check_plan, check_posture, explain
+from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.margins import stance_margins
 from stancekit.planners.verify.tree import Forest
 from stancekit.planners.verify.wrench_held import least_held
@@ -47,10 +46,11 @@ def table(friction: float = 5.0, legs: Sequence[str] = tuple(CORNERS)) -> Proble
     return Problem.posture(contacts, mass_kg=MASS_KG, com_nominal_m=[0, 0, HEIGHT_M], com_radius_m=0.0)
 
 
-def standing(forces_n: Array) -> Posture:
+def standing(problem: Problem, forces_n: Array) -> Plan:
     """The feet in the middle of their squares."""
     toes = np.array([[HALF_M * x, HALF_M * y, 0.0] for x, y in CORNERS.values()])
-    return Posture(com_m=np.array([0, 0, HEIGHT_M]), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces_n)
+    com = np.array([0, 0, HEIGHT_M])
+    return Plan.of_posture(problem, com_m=com, rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces_n)
 
 
 PAYLOAD = at_point((0, 0, -0.2 * WEIGHT_N), (0, 0, 0), (0.1, -0.08, 0.07))
@@ -63,9 +63,9 @@ def test_the_forces_of_a_table_with_a_payload_are_those_of_statics() -> None:
     forces = np.zeros((4, 3))
     forces[:, 2] = 0.25 * WEIGHT_N + 0.2 * WEIGHT_N * shares
     problem = table().posture_with(wrench=PAYLOAD)
-    assert check_posture(problem, standing(forces)).accepted
+    assert check_plan(standing(problem, forces)).accepted
     for wrong in (None, 1.001 * PAYLOAD, at_point(PAYLOAD[:3], (0, 0, 0), (0.1, 0.08, 0.07)), -PAYLOAD):
-        report = check_posture(problem.posture_with(wrench=wrong), standing(forces))
+        report = check_plan(standing(problem.posture_with(wrench=wrong), forces))
         assert not report.accepted
         assert report.worst > 1e-5
 
@@ -77,11 +77,11 @@ def test_three_feet_on_ice_carry_what_statics_says() -> None:
     for method in ("exact", "two-stage", "nlp"):
         posture = stancekit.solve(problem, method).solution
         assert posture is not None
-        toes, com = posture.toes_m, posture.com_m
+        toes, com = posture.toes_m, posture.com_m[0]
         arms = np.vstack([np.ones(3), toes[:, :2].T])
         load = com[:2] + np.array([-0.03, 0.01])
         vertical = np.linalg.solve(arms, WEIGHT_N * np.array([1.0, *com[:2]]) + 20.0 * np.array([1.0, *load]))
-        np.testing.assert_allclose(posture.forces_n[:, 2], vertical, atol=1e-3)
+        np.testing.assert_allclose(posture.forces_n[0, :, 2], vertical, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -164,11 +164,8 @@ def test_what_is_not_the_wrenchs_fault_is_not_said_of_it() -> None:
 
 def loaded_margin(wrench: Array | list[float] | None, friction: float = 5.0) -> tuple[float, float]:
     """Push and support of the table with its feet in the middle of the squares; forces do not matter."""
-    posture, problem = standing(np.zeros((4, 3))), table(friction).posture_with(wrench=wrench)
-    plan = Plan(
-        course=problem.course(), com_m=posture.com_m[None], rotation_rad=np.zeros((1, 3)), toes_m=posture.toes_m,
-        choice=np.zeros(4, dtype=int), forces_n=posture.forces_n[None], provenance={},
-    )  # fmt: skip
+    problem = table(friction).posture_with(wrench=wrench)
+    plan = standing(problem.course(), np.zeros((4, 3)))
     (margin,) = stance_margins(plan)
     return margin.push_n, margin.support_m
 
@@ -190,7 +187,7 @@ def test_margins_are_those_of_the_loaded_robot() -> None:
 def pulled(walk: Callable[..., Plan]) -> Plan:
     """A walk whose forces carry a rope that pulls harder frame by frame, on vertical loads alone."""
     plan = walk()
-    course = plan.course
+    course = plan.problem
     wrench = np.zeros((course.frames, 6))
     wrench[:, 2] = -np.array([0.0, 5.0, 20.0, 10.0, 0.0])
     forces = np.array(plan.forces_n)
@@ -200,20 +197,20 @@ def pulled(walk: Callable[..., Plan]) -> Plan:
         balance = np.vstack([np.ones(len(limbs)), under[:, :2].T])
         load = course.weight_n - wrench[frame, 2]
         forces[row, limbs, 2] = load * np.linalg.pinv(balance) @ [1.0, *plan.com_m[frame, :2]]
-    return replace(plan, course=replace(course, wrench=wrench), forces_n=forces)
+    return replace(plan, problem=replace(course, wrench=wrench), forces_n=forces)
 
 
 def test_a_plan_carries_a_wrench_that_changes_from_frame_to_frame(pulled: Plan) -> None:
     report = check_plan(pulled)
     assert report.accepted, report.message
     assert report.figures["between"] < 1e-9
-    for frame in range(pulled.course.frames):
-        wrench = np.array(pulled.course.wrench)
+    for frame in range(pulled.problem.frames):
+        wrench = np.array(pulled.problem.wrench)
         wrench[frame, 2] -= 0.01
-        refused = check_plan(replace(pulled, course=replace(pulled.course, wrench=wrench)))
+        refused = check_plan(replace(pulled, problem=replace(pulled.problem, wrench=wrench)))
         assert not refused.accepted
         assert refused.group("force_balance").when == frame
-    assert not check_plan(replace(pulled, course=replace(pulled.course, wrench=None))).accepted
+    assert not check_plan(replace(pulled, problem=replace(pulled.problem, wrench=None))).accepted
 
 
 def test_between_frames_the_moment_about_the_origin_goes_over_linearly() -> None:

@@ -128,10 +128,10 @@ def test_key_frames_stand_on_the_terrain_in_the_plans_order(waves, plan):
     assert frames.com_m.shape == (5, 3)
     assert frames.toes_m.shape == (5, 6, 3)
     assert frames.toes_m[..., 2] == pytest.approx(WAVES.height(frames.toes_m[..., :2]), abs=2e-6)
-    assert len(frames.problems) == len(plan.course.stances)
+    assert len(frames.problems) == len(plan.problem.stances)
     lifted = np.linalg.norm(np.diff(frames.toes_m, axis=0), axis=2) > 1e-9
-    names = plan.course.robot.limb_names
-    for step, limbs in enumerate(plan.course.lifts[1:]):
+    names = plan.problem.robot.limb_names
+    for step, limbs in enumerate(plan.problem.lifts[1:]):
         assert {names[k] for k in np.flatnonzero(lifted[step])} <= set(limbs)
 
 

@@ -81,7 +81,7 @@ def test_it_is_opened_dragged_and_read(shown, folder):
     tab.wait_for(f"{VERDICT}.dataset.patient === '1' && {VERDICT}.dataset.change >= {change_of(tab)}")
     found = TwoStageCoursePlanner().solve(scenario.course())
     assert found.solution is not None
-    assert f"after {found.solution.course.frames} key frames" in tab.text()
+    assert f"after {found.solution.problem.frames} key frames" in tab.text()
 
     for words in ("save plan", "save course"):
         tab.click(*middle_of(tab, f"[...document.querySelectorAll('button')].find(b => b.innerText === '{words}')"))

@@ -82,7 +82,7 @@ def test_mass_and_friction_are_those_of_the_plan_and_weight_scales_forces():
     light, heavy = quick_answer(KeysScenario.of("walls")), quick_answer(scenario)
     assert heavy.plan is not None
     assert light.plan is not None
-    assert heavy.plan.course.weight_n == pytest.approx(2.0 * light.plan.course.weight_n)
+    assert heavy.plan.problem.weight_n == pytest.approx(2.0 * light.plan.problem.weight_n)
     assert check_plan(heavy.plan).accepted
     carried = heavy.plan.forces_n.sum(axis=1)
     assert carried == pytest.approx(np.tile([0.0, 0.0, 20.0 * 9.81], (len(carried), 1)), abs=1e-3)

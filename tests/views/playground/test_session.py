@@ -114,11 +114,11 @@ def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch)
     plan = answer.plan
     assert plan is not None
     now = PlanMotion(plan).key(2)
-    rows = loads(plan, now, solver_of(plan.course))
+    rows = loads(plan, now, solver_of(plan.problem))
     assert [row.force_n for row in rows] == pytest.approx(np.linalg.norm(plan.forces_at(2), axis=1))
     share, frame, limb = margins(plan)
     assert 0.0 < share <= 0.8 + 1e-6  # it is planned with 80 % of the friction
-    assert limb in plan.course.robot.limb_names
+    assert limb in plan.problem.robot.limb_names
     assert 0 <= frame < 3
     assert answer.report is not None
     assert max(row.torque for row in rows) <= answer.report.group("torque").figures["share"] + 1e-6

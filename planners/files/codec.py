@@ -1,0 +1,327 @@
+"""JSON forms of values, written and read by the fields that their classes say, and by nothing else.
+
+A value is an object whose keys are its fields, in their order; arrays and tuples are lists. What a file needs beside
+that, a class says once:
+
+* in the metadata of a field: ``LATER``, ``UNWRITTEN``, ``INLINE``, ``{"key": NAME}``;
+* by ``FORMAT``, the value of the first key, ``format``, if it is a file of its own;
+* if its form in files is another one, by a method ``to_json`` and by ``KEYS``, the class of that form, whose method
+  ``value`` gives the value.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from functools import lru_cache, partial
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    PlainValidator,
+    Strict,
+    WithJsonSchema,
+    create_model,
+)
+from pydantic import Field as Key
+from pydantic_core import CoreSchema, core_schema
+
+from ..errors import InvalidInput
+from .arrays import LARGEST, checked, collect_errors
+from .validation import shown, validated
+
+LATER: Mapping[str, Any] = types.MappingProxyType({"later": True})
+"""Metadata of a field that older files do not have: it is written only where it is not its default."""
+UNWRITTEN: Mapping[str, Any] = types.MappingProxyType({"unwritten": True})
+"""Metadata of a field that no file has: it follows from others, or is of the running process."""
+
+INLINE: Mapping[str, Any] = types.MappingProxyType({"inline": True})
+"""Metadata of a field that is a value whose own keys stand among those of this one."""
+
+Value = TypeVar("Value")
+PLAIN = ConfigDict(
+    extra="forbid", arbitrary_types_allowed=True, protected_namespaces=(), defer_build=True
+)
+
+
+def to_json(value: Any) -> Any:
+    """JSON-ready values of a value: of a dataclass, an array, a tuple, a mapping, or plain as it is."""
+    if type(value) in (float, int, str, bool, types.NoneType):
+        return value
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if is_dataclass(value):
+        own = getattr(value, "to_json", None)
+        return fields_to_json(value) if own is None else own()
+    if isinstance(value, list | tuple):
+        return [to_json(each) for each in value]
+    if isinstance(value, Mapping):
+        return {name: to_json(each) for name, each in value.items()}
+    return value
+
+
+def fields_to_json(value: Any, leave: tuple[str, ...] = ()) -> dict[str, Any]:
+    """JSON-ready values of a dataclass, field by field. leave: fields that are not written."""
+    found: dict[str, Any] = {"format": value.FORMAT} if hasattr(value, "FORMAT") else {}
+    for name, key, default in _written(cast(Any, type(value))):
+        member = getattr(value, name)
+        usual = default is not MISSING and not isinstance(member, np.ndarray) and member == default
+        if usual or name in leave:
+            continue
+        if key is None:
+            found |= to_json(member)
+        else:
+            found[key] = to_json(member)
+    return found
+
+
+def from_json(kind: type[Value], data: Any, *, whole: bool = True, where: str = "") -> Value:
+    """The value of a class that ``to_json`` wrote.
+
+    Arguments:
+        kind: the class.
+        data: what a file holds.
+        whole: every key has to be there but those of ``LATER``, as in files that programs write; else a key that is
+            not there has its default, as in files that people write.
+        where: the file, which the message begins with.
+    Raises:
+        InvalidInput: with every key that is wrong, separated by "; ".
+    """
+    file_format = getattr(kind, "FORMAT", "")
+    if file_format and not isinstance(data, Mapping):
+        raise InvalidInput(
+            f"expected a JSON object with format {file_format!r}, got {type(data).__name__}"
+        )
+    keys = validated(keys_of(cast(Any, kind), whole=whole), data, where)
+    try:
+        return cast(Value, _value(kind, keys))
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error}" if where else str(error)) from None
+
+
+@lru_cache(maxsize=128)
+def keys_of(kind: Any, *, whole: bool = True) -> type[BaseModel]:
+    """The keys of a class as pydantic checks them; arguments as of ``from_json``."""
+    form = _form(kind)
+    keys: dict[str, Any] = (
+        {"format": (Literal[form.FORMAT], ...)} if hasattr(form, "FORMAT") else {}
+    )
+    made: type[BaseModel] = create_model(
+        form.__name__,
+        __config__=PLAIN,
+        __doc__=form.__doc__,
+        __module__=form.__module__,
+        **keys,
+        **_keys(form, whole),
+    )
+    return made
+
+
+def _form(kind: Any) -> type[Any]:
+    """The class whose fields are the keys of a class."""
+    form: type[Any] = getattr(kind, "KEYS", kind)
+    return form
+
+
+def _keys(kind: Any, whole: bool) -> dict[str, Any]:
+    """Annotation and default of every key of a class, as pydantic makes models of them."""
+    hints, keys = get_type_hints(kind, include_extras=True), dict[str, Any]()
+    for field in _in_files(kind):
+        if "inline" in field.metadata:
+            keys |= _keys(hints[field.name], whole)
+            continue
+        needed = whole and "later" not in field.metadata
+        alias = field.metadata.get("key")
+        if field.default_factory is not MISSING and not needed:
+            found = Key(default_factory=field.default_factory, alias=alias)
+        else:
+            given = field.default is not MISSING and not needed
+            found = Key(field.default if given else ..., alias=alias)
+        keys[field.name] = key_of(hints[field.name], whole=whole), found
+    return keys
+
+
+def key_of(hint: Any, *, whole: bool = True) -> Any:
+    """An annotation of a field as a file has it: numbers strictly, lists for tuples and arrays, objects for values."""
+    part = partial(key_of, whole=whole)
+    if hint in (float, int, str, bool):
+        return Annotated[hint, Strict()]
+    origin, of = get_origin(hint), get_args(hint)
+    if origin is np.ndarray:
+        return Annotated[Any, PlainValidator(numbers), NUMBERS]
+    if origin is Annotated:
+        return Annotated[part(of[0]), *of[1:]]
+    if origin in (Union, types.UnionType):
+        return Union[tuple(map(part, of))]  # noqa: UP007 - of as many as there are
+    if origin is tuple:
+        return tuple[*(each if each is ... else part(each) for each in of)]  # type: ignore[misc]
+    if is_dataclass(hint):
+        return Annotated[
+            keys_of(cast(Any, hint), whole=whole), AfterValidator(partial(_value, hint))
+        ]
+    return hint
+
+
+class _Keys:
+    """Metadata of a field of a pydantic model that is a value, read by its class's keys; not all have to be there."""
+
+    def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        def read(data: Any, of_keys: core_schema.ValidatorFunctionWrapHandler) -> Any:
+            return data if isinstance(data, kind) else of_keys(data)
+
+        written = core_schema.plain_serializer_function_ser_schema(to_json)
+        keys = handler.generate_schema(key_of(kind, whole=False))
+        return core_schema.no_info_wrap_validator_function(read, keys, serialization=written)
+
+
+KEYS = _Keys()
+NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
+"""What the reference of keys says of arrays, of whatever shape."""
+
+
+def numbers(value: Any) -> Any:
+    """Lists of numbers as a file has them, of which a class makes its array.
+
+    Raises InvalidInput for anything else in them: also for truth values and texts, which NumPy takes for numbers.
+    """
+    if not isinstance(value, list | tuple):
+        raise InvalidInput(f"expected a list in brackets, got {shown(value)}")
+    for index, each in enumerate(value):
+        if type(each) not in (float, int):
+            try:
+                numbers(each)
+            except InvalidInput as error:
+                inner = str(error)
+                if not isinstance(each, list | tuple):
+                    inner = f"expected a valid number, got {shown(each)}"
+                raise InvalidInput(
+                    f"[{index}]{': ' if inner.startswith('expected') else ''}{inner}"
+                ) from None
+    return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Within:
+    """Metadata of a number: its limits, which the class, its reader and the reference of keys have from here.
+
+    above: it is larger than this. least, most: it is no smaller and no larger.
+    """
+
+    above: float | None = None
+    least: float = -LARGEST
+    most: float = LARGEST
+
+    def check(self, number: Any, where: str = "") -> float:
+        """The number, where it is within. Raises InvalidInput."""
+        try:
+            return checked(number, where, above=self.above, least=self.least, most=self.most)
+        except InvalidInput as error:
+            raise InvalidInput(str(error).removeprefix(": ")) from None
+
+    def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self.check, handler(kind))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        least = {"minimum": self.least} if self.above is None else {"exclusiveMinimum": self.above}
+        return handler(schema) | least | {"maximum": self.most}
+
+
+def check_limits(value: Any) -> None:
+    """Check the fields of a dataclass that say ``Within``, but for None. Raises InvalidInput with all that is wrong."""
+    collect_errors(
+        *(
+            partial(limits.check, getattr(value, name), name)
+            for name, limits in _limits(cast(Any, type(value))).items()
+            if getattr(value, name) is not None
+        )
+    )
+
+
+@lru_cache(maxsize=128)
+def _limits(kind: Any) -> dict[str, Within]:
+    """The limits of the fields that say some, by name."""
+    found = dict[str, Within]()
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        several = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+        for limits in (each for part in several for each in getattr(part, "__metadata__", ())):
+            if isinstance(limits, Within):
+                found[name] = limits
+    return found
+
+
+def _value(kind: Any, keys: BaseModel) -> Any:
+    """The value of these keys, whatever its form. Raises InvalidInput."""
+    form = _form(kind)
+    made = _made(form, keys)
+    return made if form is kind else made.value()
+
+
+def _made(kind: Any, keys: BaseModel) -> Any:
+    """The value of these keys. Raises InvalidInput with all that is wrong with it and with what is inline."""
+    inline, wrong = _inline(kind), list[str]()
+    members = {
+        field.name: getattr(keys, field.name)
+        for field in _in_files(kind)
+        if field.name not in inline
+    }
+    for name, of in inline.items():
+        try:
+            members[name] = _made(of, keys)
+        except InvalidInput as error:
+            wrong.append(str(error))
+            members[name] = None
+    try:
+        made = kind(**members)
+    except InvalidInput as error:
+        wrong += [text for text in str(error).split("; ") if not text.startswith(tuple(inline))]
+        if not inline:
+            raise
+    if wrong:
+        raise InvalidInput("; ".join(wrong))
+    return made
+
+
+@lru_cache(maxsize=128)
+def _inline(kind: Any) -> dict[str, Any]:
+    """The classes of the fields whose keys stand among those of the class."""
+    names = [field.name for field in _in_files(kind) if "inline" in field.metadata]
+    hints = get_type_hints(kind) if names else {}
+    return {name: hints[name] for name in names}
+
+
+@lru_cache(maxsize=128)
+def _in_files(kind: Any) -> tuple[Field[Any], ...]:
+    """The fields that files have."""
+    return tuple(field for field in fields(kind) if "unwritten" not in field.metadata)
+
+
+@lru_cache(maxsize=128)
+def _written(kind: Any) -> tuple[tuple[str, str | None, Any], ...]:
+    """Name, key (None where the value's own stand in its place), and the default that is not written (or ``MISSING``)
+    of each field."""
+    return tuple(
+        (
+            field.name,
+            None if "inline" in field.metadata else field.metadata.get("key", field.name),
+            field.default if "later" in field.metadata else MISSING,
+        )
+        for field in _in_files(kind)
+    )
