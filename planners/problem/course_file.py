@@ -39,8 +39,8 @@ def read_course(
     A YAML file with surfaces is a published scene (``scene_keys``).
 
     frames: M, where another one is wanted than the file says; not for JSON files, whose footholds are fixed. robot: in
-    place of the file's, a built-in name, a .urdf file or a .yaml file that names one, or a ``Robot``; not for JSON
-    files either.
+    place of the file's, a built-in name, a .urdf file or a .yaml file that names one, or a ``Robot``; of a posture's
+    JSON file the robot whose limbs stand, and not for other JSON files.
     sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs. reach: a
     folder of reach polytopes for the limbs, in place of their own (``robot.reach_file``); not for JSON files.
     alternative: another way to lay out a YAML file.
@@ -49,14 +49,15 @@ def read_course(
     if Path(course).suffix == ".json":
         if frames is not None:
             raise InvalidInput(f"{course}: expected no other number of frames for a course whose footholds are fixed")
-        if robot is not None:
-            raise InvalidInput(f"{course}: expected no other robot for a course whose footholds are fixed")
         if reach is not None:
             raise InvalidInput(f"{course}: expected no other reach for a course whose footholds are fixed")
         data = read_json(course)
+        posture = isinstance(data, Mapping) and data.get("format") == POSTURE
+        if robot is not None and not posture:
+            raise InvalidInput(f"{course}: expected no other robot for a course whose footholds are fixed")
         try:
-            if isinstance(data, Mapping) and data.get("format") == POSTURE:
-                return Problem.from_json(data).course(Path(course).stem)
+            if posture:
+                return Problem.from_json(data).course(Path(course).stem, None if robot is None else _robot(robot))
             return Problem.from_json(data)
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
@@ -73,6 +74,13 @@ def read_course(
         return build_course(spec, Path(course).parent, sets, reach, alternative)
     except InvalidInput as error:
         raise type(error)(f"{course}: {error}") from None
+
+
+def _robot(robot: Robot | str) -> Robot:
+    """A robot by its name. Raises InvalidInput."""
+    from ..robot.robot_file import robot_of  # loads pinocchio for a file
+
+    return robot_of(robot)
 
 
 def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpec:

@@ -225,11 +225,20 @@ class Problem:
         same["wrench"] = None if self.wrench is None else self.wrench[0]
         return Problem.posture(**{"contacts": self.contacts, "robot": self.robot.identity, **same, **changes})
 
-    def course(self, name: str = "posture") -> Problem:
+    def course(self, name: str = "posture", robot: Robot | None = None) -> Problem:
         """A posture problem as a course of one frame, any plan of which is as good as another.
 
         It is in units of the weight, as files of courses are.
+
+        Arguments:
+            name: of the course.
+            robot: whose limbs stand, in the order of its own limbs; joints and bodies of its plans are then known, of
+                these limbs (``robot.some_legs``). None where the reach of the limbs is all that is to be known.
+        Raises:
+            InvalidInput: for a robot that has not these limbs, or whose legs are not known.
         """
+        if robot is not None:
+            return self._on(robot, name)
         scale = self.force_n / self.weight_n
         low, high = (scale * bounds for bounds in self.force_bounds)
         footholds = self.footholds
@@ -246,6 +255,19 @@ class Problem:
             self, name=name, footholds=footholds, force_scale_n=None, force_min=low[0], force_max=high[0],
             weights=nothing,
         )  # fmt: skip
+
+    def _on(self, robot: Robot, name: str) -> Problem:
+        """``course`` of this robot."""
+        from ..robot.some_legs import on_limbs  # loads pinocchio
+
+        own = self.robot.identity
+        if own != robot.identity:
+            wanted, came = own or "the default hexapod", robot.identity or robot.name
+            raise InvalidInput(f"robot: expected {wanted}, whose limbs the posture is of, got {came}")
+        robot.select(self.legs)
+        contacts = sorted(self.contacts, key=lambda contact: robot.limb_names.index(contact.leg))
+        course = self.posture_with(contacts=contacts).course(name)
+        return replace(course, robot=on_limbs(robot, course.robot.limbs, self.mass_kg))
 
     def to_json(self) -> dict[str, Any]:
         """Return the problem in its JSON form, ``stancekit/posture/1`` or ``stancekit/course/1``.
