@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from .planners.problem.contact import Contact as Contact
     from .planners.problem.leap import Leap as Leap
     from .planners.problem.problem import Problem as Problem
+    from .planners.problem.walk import Walk as Walk
     from .planners.projection.whole_body_limits import WholeBodyLimits as WholeBodyLimits
     from .planners.relaxation.envelope import Envelope as Envelope
     from .planners.relaxation.envelope import EnvelopeSet as EnvelopeSet
@@ -112,6 +113,7 @@ _HOMES = {
     "planners.problem.contact": ("Contact",),
     "planners.problem.leap": ("Leap",),
     "planners.problem.problem": ("Problem",),
+    "planners.problem.walk": ("Walk",),
     "planners.projection.whole_body_limits": ("WholeBodyLimits",),
     "planners.relaxation.envelope": ("Envelope", "EnvelopeSet"),
     "planners.relaxation.modes": ("Modes",),

@@ -184,9 +184,9 @@ def verify(
 
 def _proof(answer: Answer[Any]) -> Certificate | None:
     """An answer's certificate, of the answer's problem where it knows none itself; None where there is none."""
-    if answer.certificate is None or answer.certificate.problem is not None or answer.problem is None:
+    if answer.certificate is None or answer.certificate.problem is not None:
         return answer.certificate
-    return answer.certificate.of(answer.problem)
+    return answer.certificate.of(answer.problem) if isinstance(answer.problem, Problem | Leap) else answer.certificate
 
 
 def _evidence(answer: Answer[Any]) -> Any:

@@ -113,7 +113,7 @@ def save(
         case Leap():
             leap_file.write_leap(path, thing)
         case LeapPlan():
-            leap_file.write_leap(path, thing.leap, thing)
+            leap_file.write_leap(path, thing.problem, thing)
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Plan():

@@ -12,40 +12,25 @@ from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, checked_int, read_only
+from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt, Progress
 from stancekit.planners.gait.method.checkpoint import Checkpoint as Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.interrupts import interruptible
+from stancekit.planners.problem.walk import Walk as Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.single_body import GaitRobot
-from stancekit.planners.robot.walker import walker_from
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.terrain.reference import named_terrain
 from stancekit.planners.terrain.terrain import Terrain
 
 from .upgrading import old_arguments
 
-FURTHER = (
-    "start_yaw_rad",
-    "end_yaw_rad",
-    "friction",
-    "adhesive",
-    "suction_n",
-    "cycle_s",
-    "timings",
-    "total_iterations",
-    "max_iterations",
-    "dynamics",
-    "hessian",
-    "raw",
-    "seeds",
-    "seed",
-)
-"""Fields of a ``GaitTask``, limits, and settings of the solves, that ``walk`` takes by their names."""
+OF_WALK = ("start_yaw_rad", "end_yaw_rad", "friction", "adhesive", "suction_n", "cycle_s", "timings")
+OF_SEARCH = ("total_iterations", "max_iterations", "dynamics", "hessian", "raw", "seeds", "seed")
+"""Fields of a ``Walk``; limits and settings of the solves: what ``walk`` takes by their names."""
 LIMITS = {True: 80, False: 200}
 """Iterations of one solve in a portfolio, and in one chart."""
 MOST_SEEDS = 1000
@@ -59,8 +44,8 @@ NOW = {"heading_rad": "start_yaw_rad", "heading_end_rad": "end_yaw_rad", "total_
 
 @checked
 def walk(
-    terrain: Terrain | HeightField | str | Path,
-    goal_xy_m: Array | Sequence[float],
+    terrain: Walk | Terrain | HeightField | str | Path,
+    goal_xy_m: Array | Sequence[float] | None = None,
     *,
     start_xy_m: Array | Sequence[float] = (0.0, 0.0),
     robot: Robot | GaitRobot | str | Path = "anymal",
@@ -74,7 +59,8 @@ def walk(
 
     Arguments:
         terrain: a ``HeightField``, a ``Terrain``, a name ("ripple", "cone", "hill", "pit", ...), a family's ground as
-            "rough:0.5:7" (family, level, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
+            "rough:0.5:7" (family, level, seed), a file of heights, or a function of x and y as "FILE.py:NAME". Or a
+            ``Walk``, which says all of it: then nothing goes beside it but chart, limits and settings of the solves.
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
         robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a walker's numbers, a
             ``Robot`` with legs of its own, or what ``load`` gives of such a file.
@@ -83,7 +69,7 @@ def walk(
         chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or "FILE.py:NAME"); "portfolio"
             tries one after another until the verifier accepts.
         time_limit_s: processor time of solves and of verdicts between them; the best walk until then is the answer [s].
-        task: further fields of ``GaitTask``: start_yaw_rad, end_yaw_rad (which way it faces at the start, from x
+        task: further fields of ``Walk``: start_yaw_rad, end_yaw_rad (which way it faces at the start, from x
             towards y, and at the end; it turns by the difference of the two [rad]), friction (Coulomb's ν of the
             ground, 0.75), adhesive (names of feet that stick: they may pull), suction_n (with how much; twice the
             weight where it is missing [N]), cycle_s (of the gait; its own where it is missing [s]), timings. Beside
@@ -94,7 +80,8 @@ def walk(
             accepted walk is kept) and seed (of the perturbed ones).
     Returns:
         An ``Answer``: feasible with the walk that the verifier accepted, its ``solution``; else undecided, with
-        the best walk that there is so far, if any. ``message`` says in one line what came of it.
+        the best walk that there is so far, if any. ``problem`` is the ``Walk``, ``message`` says in one line what came
+        of it.
     Raises:
         InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet that the
             robot lacks, a walk longer than its time.
@@ -107,39 +94,36 @@ def walk(
         >>> answer.status.value, answer.solution.feet_m.shape[1:]
         ('feasible', (4, 3))
     """
-    beside = ("terrain", "goal_xy_m", "start_xy_m", "robot", "gait", "duration_s", "chart", "time_limit_s", *FURTHER)
-    old = {name: value for name, value in task.items() if name not in FURTHER}
-    given = {name: value for name, value in task.items() if name in FURTHER}
+    further = (*OF_WALK, *OF_SEARCH)
+    beside = ("terrain", "goal_xy_m", "start_xy_m", "robot", "gait", "duration_s", "chart", "time_limit_s", *further)
+    old = {name: value for name, value in task.items() if name not in further}
+    given = {name: value for name, value in task.items() if name in further}
     moved = {NOW[name]: value for name, value in old_arguments("walk", old, OLD, beside).items()}
     if both := given.keys() & moved.keys():
         raise InvalidInput(f"{both.pop()}: expected it once, got it in its old form, too")
     given |= moved
     limit_s = given.pop("time_limit_s", time_limit_s)
-    return walked(
-        *asked_of(
-            terrain,
-            goal_xy_m,
-            start_xy_m=start_xy_m,
-            robot=robot,
-            gait=gait,
-            duration_s=duration_s,
-            chart=chart,
-            time_limit_s=limit_s,
-            **given,
+    fields = {name: given.pop(name) for name in OF_WALK if name in given}
+    if isinstance(terrain, Walk):
+        usual = {"goal_xy_m": goal_xy_m is None, "start_xy_m": tuple(start_xy_m) == (0.0, 0.0)}
+        usual |= {"robot": robot == "anymal", "gait": gait is None, "duration_s": duration_s == 10.0}
+        for name in (*(name for name, unsaid in usual.items() if not unsaid), *fields):
+            raise InvalidInput(f"{name}: expected none with a Walk, which has its own")
+        asked = terrain
+    elif goal_xy_m is None:
+        raise InvalidInput("goal_xy_m: expected where the torso ends, shape (2,), got none")
+    else:
+        asked = Walk.over(
+            terrain, goal_xy_m, start_xy_m=start_xy_m, robot=robot, gait=gait, duration_s=duration_s, **fields
         )
-    ).answer
+    return walked(asked, *search_of(asked, chart=chart, time_limit_s=limit_s, **given)).answer
 
 
-def asked_of(
-    terrain: Terrain | HeightField | str | Path,
-    goal_xy_m: Array | Sequence[float],
+def search_of(
+    asked: Walk,
     *,
-    start_xy_m: Array | Sequence[float],
-    robot: Robot | GaitRobot | str | Path,
-    gait: str | None,
     chart: str,
     time_limit_s: float,
-    adhesive: Sequence[str] = (),
     total_iterations: int | None = None,
     max_iterations: int | None = None,
     dynamics: Any = "centred",
@@ -147,30 +131,14 @@ def asked_of(
     raw: bool = False,
     seeds: int = 1,
     seed: int = 0,
-    **task: Any,
-) -> tuple[GaitTask, GaitSettings, Caps, list[Attempt]]:
-    """What ``plan_gait`` is asked: the arguments of ``walk``, with names and paths made values. Raises InvalidInput."""
+) -> tuple[GaitSettings, Caps, list[Attempt]]:
+    """How ``plan_gait`` is to look for a walk, by arguments of ``walk``. Raises InvalidInput."""
     checked_number(time_limit_s, "time_limit_s", above=0.0)
     checked_int(seeds, "seeds", least=1, most=MOST_SEEDS)
     checked_int(seed, "seed", least=0)
     if max_iterations is not None:
         checked_int(max_iterations, "max_iterations", least=1)
     check_argument("raw", raw, bool)
-    body = walker_from(robot)
-    if isinstance(adhesive, str) or not isinstance(adhesive, Sequence):
-        raise InvalidInput(f"adhesive: expected a sequence (text each), got {adhesive!r}")
-    if strange := [name for name in adhesive if name not in body.foot_names]:
-        wanted = f"some of {', '.join(body.foot_names)}"
-        raise InvalidInput(f"adhesive: expected {wanted}, got {', '.join(map(str, strange))}")
-    asked = GaitTask(
-        robot=body,
-        terrain=_heights(terrain),
-        start_xy_m=read_only(start_xy_m, (2,), "start_xy_m"),
-        goal_xy_m=read_only(goal_xy_m, (2,), "goal_xy_m"),
-        adhesive=tuple(name in adhesive for name in body.foot_names),
-        gait=gait or ("trot" if len(body.feet) == 4 else "tripod"),
-        **task,
-    )
     several = chart == "portfolio"
     most = max_iterations or LIMITS[several]
     caps = Caps(iterations=most, total_s=time_limit_s, total_iterations=total_iterations)
@@ -180,22 +148,11 @@ def asked_of(
         caps = replace(caps, smoothing=Smoothing(rounds=0), densifications=0)
     each = default_attempts(asked) if several else [Attempt(chart=chart)]
     attempts = [one.perturbed(seed + k) if k else one for one in each for k in range(seeds)]
-    return asked, GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most), caps, attempts
-
-
-def _heights(terrain: Terrain | HeightField | str | Path) -> HeightField:
-    """The heights to walk over. Raises InvalidInput."""
-    if isinstance(terrain, str | Path):
-        return named_terrain(str(terrain))
-    if isinstance(terrain, HeightField):
-        return terrain
-    if terrain.heights is None:
-        raise InvalidInput("terrain: expected ground to walk on, got surfaces that are all upright")
-    return terrain.heights
+    return GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most), caps, attempts
 
 
 def walked(
-    task: GaitTask,
+    asked: Walk,
     settings: GaitSettings,
     caps: Caps,
     attempts: Sequence[Attempt],
@@ -211,7 +168,7 @@ def walked(
             return bool(progress and progress(*at)) or interrupted()
 
         found = plan_gait(
-            task, settings=settings, progress=watched, caps=caps, attempts=attempts, checkpoint=checkpoint
+            asked, settings=settings, progress=watched, caps=caps, attempts=attempts, checkpoint=checkpoint
         )
     if found.stopped:
         raise KeyboardInterrupt

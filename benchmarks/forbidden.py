@@ -22,8 +22,9 @@ from _bench import Options, launch
 from scipy.optimize import linprog
 
 from stancekit.planners.gait.forbidden import forbidden
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.physics import GRAVITY_M_S2
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
@@ -38,7 +39,7 @@ class Case:
     """One walk. possible: whether it can be done; near: within a tenth of a limit."""
 
     kind: str
-    task: GaitTask
+    task: Walk
     possible: bool
     near: bool = False
 
@@ -99,13 +100,13 @@ def cases(seed: int) -> Iterator[Case]:
         yield Case(kind="ripple", task=task(ripple, 0.75, (0, 0), (0.3 * (k + 1), 0.1 * k)), possible=True)
 
 
-def task(terrain: HeightField, friction: float, start, goal, **more) -> GaitTask:  # type: ignore[no-untyped-def]
+def task(terrain: HeightField, friction: float, start, goal, **more) -> Walk:  # type: ignore[no-untyped-def]
     """ANYmal's walk from here to there."""
     places = {"start_xy_m": np.asarray(start, dtype=float), "goal_xy_m": np.asarray(goal, dtype=float)}
-    return GaitTask(robot=anymal(), terrain=terrain, friction=friction, **places, **more)
+    return Walk(robot=anymal(), terrain=terrain, friction=friction, **places, **more)
 
 
-def on_ramp(slope: float, turn: float, friction: float, **more) -> GaitTask:  # type: ignore[no-untyped-def]
+def on_ramp(slope: float, turn: float, friction: float, **more) -> Walk:  # type: ignore[no-untyped-def]
     """On a plane that rises in one direction."""
     plane = HeightField.from_function(
         lambda x, y: slope * (np.cos(turn) * x + np.sin(turn) * y), 3.0, 0.1, name=f"ramp {slope:g}"
@@ -131,7 +132,7 @@ def reach_m() -> float:
     return max(float(np.linalg.norm(box)) for box in boxes)
 
 
-def stands(asked: GaitTask, xy: np.ndarray) -> bool:
+def stands(asked: Walk, xy: np.ndarray) -> bool:
     """Whether forces on the nominal stance carry the weight with the body above some point between the feet."""
     feet = asked.stance_m(xy)
     normals = asked.terrain.normal(feet[:, :2])

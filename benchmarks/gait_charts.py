@@ -26,7 +26,8 @@ from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import Costs, GaitProgram, GaitSolution
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -95,7 +96,7 @@ def main(arguments: Arguments) -> None:
             for number in [task for task in arguments.tasks if task < len(tasks)]:
                 one = tasks[number]
                 ahead = one.goal_xy_m - one.start_xy_m
-                task = GaitTask(
+                task = Walk(
                     robot=anymal(), terrain=field, start_xy_m=one.start_xy_m, goal_xy_m=one.goal_xy_m,
                     adhesive=one.adhesive, start_yaw_rad=float(np.arctan2(ahead[1], ahead[0])),
                 )  # fmt: skip

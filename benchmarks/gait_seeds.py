@@ -28,9 +28,10 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.guess import along_key_frames
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -97,7 +98,7 @@ def walk(
     at: dict[str, Any] = {"terrain": field.name, "heading": round(float(np.rad2deg(yaw)))}
     ends = frames["flat"].com_m[[0, -1], :2]
     try:
-        task = GaitTask(
+        task = Walk(
             robot=hexapod_walker(), terrain=field, start_xy_m=ends[0], goal_xy_m=ends[1], start_yaw_rad=yaw,
             gait="tripod",
         )  # fmt: skip

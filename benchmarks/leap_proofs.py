@@ -33,7 +33,7 @@ G = 9.81
 
 def forged(plan: LeapPlan, size: float, kind: str, rng: np.random.Generator) -> LeapPlan:
     """A leap with one fault; size: from 2 to 10, in units of what the verifier lets pass."""
-    leap = plan.leap
+    leap = plan.problem
     arrays = {name: np.array(getattr(plan, name)) for name in
               ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")}  # fmt: skip
     k, step = int(rng.integers(1, leap.intervals)), 1e-3 * size
@@ -70,10 +70,10 @@ def forged(plan: LeapPlan, size: float, kind: str, rng: np.random.Generator) -> 
         case "another patch":
             choice = plan.choice.copy()
             choice[j] = (choice[j] + 1) % len(leap.footholds[j].candidates)
-            return LeapPlan(leap=leap, timing=plan.timing, choice=choice, **arrays)
+            return LeapPlan(problem=leap, timing=plan.timing, choice=choice, **arrays)
         case "without rest":
             arrays["forces_n"][0, i] += step * leap.weight_n * direction
-    return LeapPlan(leap=leap, timing=plan.timing, choice=plan.choice, **arrays)
+    return LeapPlan(problem=leap, timing=plan.timing, choice=plan.choice, **arrays)
 
 
 KINDS = ("says where it is not", "says another speed", "says another momentum", "pushes in the air", "off its patch",
@@ -82,7 +82,7 @@ KINDS = ("says where it is not", "says another speed", "says another momentum", 
 
 def judged(plan: LeapPlan) -> float:
     """How far a plan is from a leap, by sums written here: closed forms of c, v, L; the largest violation, scaled."""
-    leap = plan.leap
+    leap = plan.problem
     times, mass = plan.times_s, leap.robot.mass_kg
     c, v, spun = (np.array(x) for x in (leap.start.com_m, leap.start.velocity_m_s, leap.start.momentum_m2_s))
     worst = 0.0

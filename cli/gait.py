@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from stancekit.planners.gait.method.attempt import Attempt, Attempted
     from stancekit.planners.gait.method.checkpoint import Checkpoint
     from stancekit.planners.gait.method.portfolio import Attempts, Caps
-    from stancekit.planners.gait.task import GaitSettings, GaitTask
+    from stancekit.planners.gait.task import GaitSettings
+    from stancekit.planners.problem.walk import Walk
 
 
 @dataclass
@@ -160,14 +161,14 @@ class PlanGait:
             with as_options():
                 CHARTS.get(self.chart)
 
-    def _asked(self) -> tuple[GaitTask, GaitSettings, Caps, list[Attempt]]:
+    def _asked(self) -> tuple[Walk, GaitSettings, Caps, list[Attempt]]:
         """Task, settings, limits and attempts. Raises InvalidInput in the names of the options."""
-        from stancekit.walks import asked_of
+        from stancekit.walks import Walk, search_of
 
         start, goal = gait_options.place(self.start, "--start"), gait_options.place(self.goal, "--goal")
         end = self.heading_end
         try:
-            return asked_of(
+            asked = Walk.over(
                 self.file.read(self.terrain),
                 goal,
                 start_xy_m=start,
@@ -181,6 +182,9 @@ class PlanGait:
                 gait=self.gait,
                 cycle_s=self.cycle_s,
                 timings=self.timings,
+            )
+            return asked, *search_of(
+                asked,
                 chart=self.chart,
                 time_limit_s=self.total_s,
                 max_iterations=self.max_iterations,
@@ -196,7 +200,7 @@ class PlanGait:
     # -------------------------------------------------------------------------------------------------- work
 
     def _plan(
-        self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], checkpoint: Checkpoint
+        self, task: Walk, settings: GaitSettings, caps: Caps, attempts: list[Attempt], checkpoint: Checkpoint
     ) -> Attempts:
         """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
         from stancekit.walks import walked

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.method.attempt import Attempted
     from stancekit.planners.gait.method.portfolio import Attempts
-    from stancekit.planners.gait.task import GaitTask
+    from stancekit.planners.problem.walk import Walk
 
 PHASES = ("feasible", "smooth", "densify")
 FPS = 25.0
@@ -165,7 +165,7 @@ def verdict(one: Attempted) -> str:
     return f"no success: largest violation {one.solution.violation:.1e} ({one.solution.status})"
 
 
-def doubt(task: GaitTask, total_s: float) -> None:
+def doubt(task: Walk, total_s: float) -> None:
     """Say, before any work, that the ground on the way is steeper than friction holds, and how long the search for a
     walk takes at most."""
     import numpy as np

@@ -24,7 +24,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.comparison import first_difference
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 
 from .distributions.walks import SampledTasks, Tasks
 
@@ -88,7 +89,7 @@ class WalkPool:
         if not 1 <= size <= MOST_WALKS:
             raise InvalidInput(f"pool: expected 1 to {MOST_WALKS} walks, got {size}")
         self.tasks, self.size, self.charts, self.settings, self.seed = tasks, size, charts, settings, seed
-        self._walks: dict[int, GaitTask] = {}
+        self._walks: dict[int, Walk] = {}
         self._table = np.full((size, len(charts), len(HEIGHTS), len(NOISES), len(Outcome._fields)), np.nan)
         self._bench: Workbench | None = None
 
@@ -100,7 +101,7 @@ class WalkPool:
         """How many attempts have an outcome."""
         return int(np.isfinite(self._table[..., 0]).sum())
 
-    def walk(self, index: int) -> GaitTask:
+    def walk(self, index: int) -> Walk:
         """A walk by its number; it is drawn once."""
         if index not in self._walks:
             self._walks[index] = self.tasks(np.random.default_rng([self.seed, index]))

@@ -19,7 +19,8 @@ from stancekit.planners.files.arrays import check_numbers
 from stancekit.planners.files.validation import shown, typed
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.robot.walker import named_walker
 
@@ -257,7 +258,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         guess = self._bench.program("decoupled").solve(max_iterations=0).trajectory()
         return np.array(to_rgb(draw_motion(guess, caption="before the step: the guess")))
 
-    def _observed(self, task: GaitTask) -> dict[str, NDArray[np.float32]]:
+    def _observed(self, task: Walk) -> dict[str, NDArray[np.float32]]:
         """The observation of a walk; of one of a pool it is worked out once."""
         if self.pool is None:
             return observe(task)
@@ -307,7 +308,7 @@ def _pool_of(
     return WalkPool.read(pool, tasks, charts, settings)
 
 
-def observe(task: GaitTask) -> dict[str, NDArray[np.float32]]:
+def observe(task: Walk) -> dict[str, NDArray[np.float32]]:
     """The observation of a walk, see ``WarpedGaitEnv``."""
     middle, way = 0.5 * (task.start_xy_m + task.goal_xy_m), task.goal_xy_m - task.start_xy_m
     turn = float(np.arctan2(way[1], way[0])) if float(np.abs(way).max()) > 0.0 else task.start_yaw_rad

@@ -65,13 +65,13 @@ class LeapView:
     @cached_property
     def candidates(self) -> list[Patch]:
         """Every patch that a toe was offered, once."""
-        offered = {id(p): p for foothold in self.plan.leap.footholds for p in foothold.candidates}
+        offered = {id(p): p for foothold in self.plan.problem.footholds for p in foothold.candidates}
         return list(offered.values())
 
     @cached_property
     def chosen(self) -> list[Patch]:
         """The patch of every foothold."""
-        leap = self.plan.leap
+        leap = self.plan.problem
         return [leap.patch(p, self.plan.choice) for p in range(len(leap.footholds))]
 
     @cached_property
@@ -82,13 +82,13 @@ class LeapView:
     @cached_property
     def shape(self) -> RobotShape:
         """What the robot looks like."""
-        return climber(self.plan.leap.robot)
+        return climber(self.plan.problem.robot)
 
     @cached_property
     def colours(self) -> list[str]:
         """The limb's colour, by foothold."""
-        names = self.plan.leap.robot.limb_names
-        return [leg_colour(names.index(put.limb)) for put in self.plan.leap.footholds]
+        names = self.plan.problem.robot.limb_names
+        return [leg_colour(names.index(put.limb)) for put in self.plan.problem.footholds]
 
     @cached_property
     def path_m(self) -> Array:
@@ -98,7 +98,7 @@ class LeapView:
     @cached_property
     def bounds_m(self) -> Array:
         """Lowest and highest coordinates of what is shown, shape (2, 3) [m]."""
-        mounts = np.array([limb.shoulder_m for limb in self.plan.leap.robot.limbs])
+        mounts = np.array([limb.shoulder_m for limb in self.plan.problem.robot.limbs])
         bodies = (self.path_m[:, None] + mounts).reshape(-1, 3)
         points = np.concatenate([*(patch.vertices_m for patch in self.candidates), bodies])
         return np.array([points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M])
@@ -128,7 +128,7 @@ class LeapView:
     @cached_property
     def fixed(self) -> Scene:
         """Every candidate, the chosen ones framed, the way of the centre of mass, and the goal."""
-        size, goal = self.shape.size_m, self.plan.leap.goal.com_m
+        size, goal = self.shape.size_m, self.plan.problem.goal.com_m
         way = Path(
             pieces_m=polyline(self.path_m),
             colour=INK,
@@ -152,7 +152,7 @@ class LeapView:
 
     def limbs(self, now: Samples) -> Sequence[Array]:
         """What moves each limb: angles of a robot's own legs, or where the joints of a limb might be."""
-        robot, turn = self.plan.leap.robot, rotation_of(now.rotation_rad)
+        robot, turn = self.plan.problem.robot, rotation_of(now.rotation_rad)
         if self.shape.links is not None:
             found = self._legs.solve(
                 now.com_m[None], turn[None], now.toes_m[None], now.normals[None], None
@@ -166,7 +166,7 @@ class LeapView:
 
     @cached_property
     def _legs(self) -> ToeKinematics:
-        return ToeKinematics(self.plan.leap.robot.legs)
+        return ToeKinematics(self.plan.problem.robot.legs)
 
     def at(self, now: Samples) -> Scene:
         """The robot at a time, and the forces of feet that stand in cones of their friction."""
@@ -210,7 +210,7 @@ class LeapView:
             now = self.motion.at(time_s)
             found += self.shape.ghost(now.com_m, rotation_of(now.rotation_rad), self.limbs(now))
         labels = [
-            Label(name="goal", position_m=self.plan.leap.goal.com_m, text="goal", colour=GOAL)
+            Label(name="goal", position_m=self.plan.problem.goal.com_m, text="goal", colour=GOAL)
         ]
         return found + Scene(labels=labels)
 
@@ -218,7 +218,7 @@ class LeapView:
     def flight_s(self) -> tuple[float, float]:
         """When the first flight begins and ends [s]; the whole leap where some limb always stands."""
         ends = self.plan.times_s
-        airborne = (self.plan.leap.holds[self.plan.leap.interval_phases] < 0).all(axis=1)
+        airborne = (self.plan.problem.holds[self.plan.problem.interval_phases] < 0).all(axis=1)
         k = int(np.argmax(airborne)) if airborne.any() else 0
         return (
             (float(ends[k]), float(ends[k + 1]))
@@ -236,7 +236,7 @@ class LeapView:
         ]
         return Animation(
             fixed=self.fixed, moments=[self.at(now) for now in shown], step_s=1.0 / fps, camera=self.camera,
-            title=f"{self.plan.leap.name}, at {pace:.2g} times its pace", legend=self.legend, notes=notes,
+            title=f"{self.plan.problem.name}, at {pace:.2g} times its pace", legend=self.legend, notes=notes,
         )  # fmt: skip
 
     @property
@@ -251,7 +251,7 @@ class LeapView:
 
     @property
     def _limb_colours(self) -> list[tuple[Colour, str]]:
-        names = self.plan.leap.robot.limb_names
+        names = self.plan.problem.robot.limb_names
         return [(leg_colour(k), f"patch chosen for {name}") for k, name in enumerate(names)]
 
 
@@ -278,7 +278,7 @@ def draw_leap(plan: LeapPlan, *, caption: str = "", size_px: Size | None = None)
     draw_legend(figure, 12.0, entries, view.friction)
     begin, end = view.flight_s
     words = [f"takes off at {begin:.2f} s", f"flies for {end - begin:.2f} s", UNJUDGED, SCALE]
-    headline(figure, caption or plan.leap.name, "   ·   ".join(words))
+    headline(figure, caption or plan.problem.name, "   ·   ".join(words))
     return figure
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.terrain.families import (
     MIXED,
@@ -23,7 +23,7 @@ from stancekit.planners.terrain.families import (
 from stancekit.planners.terrain.reference import TERRAINS, TerrainTask, reference_tasks, reference_terrain
 
 DRAWS = 100
-Tasks = Callable[[np.random.Generator], GaitTask]
+Tasks = Callable[[np.random.Generator], Walk]
 """Draws a walk."""
 
 
@@ -65,7 +65,7 @@ class SampledTasks:
             return tuple(name for name in TERRAIN_FAMILIES.names() if terrain_family(name).walked)
         return (self.terrain,) if self.terrain in (*TERRAIN_FAMILIES.names(), *OLD) else ()
 
-    def __call__(self, rng: np.random.Generator) -> GaitTask:
+    def __call__(self, rng: np.random.Generator) -> Walk:
         """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
         tasks = () if self._families else reference_tasks(self.terrain)
         for _ in range(DRAWS):
@@ -75,7 +75,7 @@ class SampledTasks:
                 refused = error
         raise PlanningFailed(f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}")
 
-    def _drawn(self, rng: np.random.Generator) -> GaitTask:
+    def _drawn(self, rng: np.random.Generator) -> Walk:
         if names := self._families:
             family = str(rng.choice(names)) if self.terrain in ("mixed", "any") else self.terrain
             field_ = random_heights(family, float(rng.uniform(*self.difficulty)), rng)
@@ -84,14 +84,14 @@ class SampledTasks:
         turn = float(rng.uniform(-np.pi, np.pi))
         start = rng.uniform(-1.5, 1.5, 2)
         goal = start + rng.uniform(*self.distance_m) * np.array([np.cos(turn), np.sin(turn)])
-        return GaitTask(
+        return Walk(
             robot=self.robot, terrain=field_, start_xy_m=start, goal_xy_m=goal, start_yaw_rad=turn,
             duration_s=self.duration_s, gait=_gait(self.robot),
         )  # fmt: skip
 
-    def _task_of(self, tasks: Sequence[TerrainTask], rng: np.random.Generator) -> GaitTask:
+    def _task_of(self, tasks: Sequence[TerrainTask], rng: np.random.Generator) -> Walk:
         walk = tasks[int(rng.integers(len(tasks)))]
-        return GaitTask(
+        return Walk(
             robot=self.robot, terrain=reference_terrain(self.terrain), start_xy_m=walk.start_xy_m,
             goal_xy_m=walk.goal_xy_m, adhesive=walk.adhesive, duration_s=self.duration_s, gait=_gait(self.robot),
         )  # fmt: skip

@@ -29,7 +29,8 @@ from stancekit.planners.files.writing import write_text
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.budget import SolveBudget
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain import reference
 from stancekit.planners.terrain.heightfield import HeightField
@@ -193,7 +194,7 @@ def measure(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[s
     }  # fmt: skip
 
 
-def _planned(cell: GaitCell, settings: GaitBenchSettings, task: GaitTask) -> dict[str, Any]:
+def _planned(cell: GaitCell, settings: GaitBenchSettings, task: Walk) -> dict[str, Any]:
     """The product: all phases, from a guess that is perturbed alike in every chart."""
     caps = Caps(solve_s=settings.cap_s, total_s=settings.total_s)
     attempts = [one.perturbed(cell.seed, settings.noise) if cell.seed else one for one in default_attempts(task)]
@@ -228,14 +229,14 @@ def figures(report: Report[Trajectory]) -> dict[str, Any]:
     }
 
 
-def gait_task(terrain: str, number: int) -> GaitTask:
+def gait_task(terrain: str, number: int) -> Walk:
     """A task of paper W's benchmark for ANYmal.
 
     In pits the robot faces its goal, for its suckers are in front; elsewhere it faces x and walks in all directions.
     """
     asked = reference_tasks(terrain)[number]
     way = asked.goal_xy_m - asked.start_xy_m
-    return GaitTask(
+    return Walk(
         robot=anymal(), terrain=_terrain(terrain), start_xy_m=asked.start_xy_m, goal_xy_m=asked.goal_xy_m,
         adhesive=asked.adhesive, start_yaw_rad=math.atan2(way[1], way[0]) if terrain.startswith("pit") else 0.0,
     )  # fmt: skip

@@ -18,6 +18,7 @@ from .report import Report
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from ..problem.walk import Walk
     from ..robot.contact_robot import Sets
 
 S = TypeVar("S", bound=Plan | LeapPlan | Trajectory, covariant=True)
@@ -91,8 +92,7 @@ class Answer(Generic[S]):
         status: of the problem itself; of a robot with legs of its own, infeasible is proved over their outer sets.
         method: the planner's name.
         problem: that was answered, of which a certificate is a proof: of a course over the outer sets of the legs where
-            there are any. None in the answers of a batch, of a walk, whose solution knows its own, and of a foreign
-            planner that nobody has verified.
+            there are any. None in the answers of a batch, and of a foreign planner that nobody has verified.
         solution: accepted by the verifier where ``status`` is feasible. Where the problem is undecided, the plan or
             walk that was found and that the verifier refused, or had no time for; None where there is none.
         certificate: accepted by the verifier where ``status`` is infeasible.
@@ -117,7 +117,7 @@ class Answer(Generic[S]):
 
     status: Status
     method: str
-    problem: Problem | Leap | None = None
+    problem: Problem | Walk | Leap | None = None
     solution: S | None = None
     certificate: Certificate | None = None
     report: Report[S] | None = None

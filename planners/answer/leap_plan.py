@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ class LeapPlan:
     """One answer to a leap, in the world frame and SI units. Nothing is checked here: ``check_leap`` does it.
 
     Arguments:
-        leap: that was answered.
+        problem: the leap that was answered.
         timing: which of its timings.
         choice: a candidate per foothold, shape (P,).
         toes_m: shape (P, 3) [m].
@@ -41,7 +42,7 @@ class LeapPlan:
         (2, 3)
     """
 
-    leap: Leap
+    problem: Leap
     timing: int
     choice: NDArray[np.int_]
     com_m: Array
@@ -66,4 +67,13 @@ class LeapPlan:
     @property
     def times_s(self) -> Array:
         """Ends of the intervals, shape (M + 1,) [s]."""
-        return self.leap.times_s(self.timing)
+        return self.problem.times_s(self.timing)
+
+    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+        def __getattr__(self, name: str) -> Any:
+            """The name of before, for one release."""
+            if name != "leap":
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            warnings.warn("leap is old: LeapPlan.problem", DeprecationWarning, stacklevel=2)
+            return self.problem

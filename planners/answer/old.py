@@ -5,24 +5,25 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
+from ..problem.old import Named
 from .plan import Plan
 
 
-class _Named(type):
-    """A name that makes plans of one frame, and that those of posture problems are instances of."""
+class Posture(metaclass=Named):
+    """As ``Plan.of_posture``, without the problem, which ``verify`` and ``draw`` are given beside it."""
 
-    def __instancecheck__(cls, instance: object) -> bool:
+    @staticmethod
+    def known(instance: object) -> bool:
+        """Whether it is the plan of a posture problem."""
         return isinstance(instance, Plan) and ("problem" not in vars(instance) or instance.problem.is_posture)
 
-    def __call__(cls, **arrays: Any) -> Plan:
+    @staticmethod
+    def made(**arrays: Any) -> Plan:
+        """A plan that does not know its problem."""
         nobody: Any = None
         plan = Plan.of_posture(nobody, **arrays)
         object.__delattr__(plan, "problem")
         return plan
-
-
-class Posture(metaclass=_Named):
-    """As ``Plan.of_posture``, without the problem, which ``verify`` and ``draw`` are given beside it."""
 
 
 def renamed(where: str) -> Any:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from ..cached import cached_property
 from ..problem import Problem
-from ..problem.leap import Leap
 from ..robot.urdf import joint_names
 from .certificate import Certificate
 from .hindrance import plan_hindrance, walk_hindrance
@@ -160,9 +159,7 @@ class Report(Generic[S]):
 
     Arguments:
         groups: each group of constraints, with where it is worst.
-        subject: the problem, course or leap that was answered; of a walk None, as the walk itself says what it was
-            asked.
-        answer: what was judged.
+        answer: what was judged, which says what it was asked.
         tolerance: largest violation that is accepted, without unit; 0 of a walk, whose groups have limits of their own.
         figures: further measurements, of which none is judged. Of a posture and a plan: residual_nm, the norm of the
             net moment about the centre of mass at the worst stance [Nm]; linearisation_m, farthest that I + [Θ]× puts
@@ -184,7 +181,6 @@ class Report(Generic[S]):
     """
 
     groups: tuple[Group, ...]
-    subject: Problem | Leap | None = field(repr=False)
     answer: S = field(repr=False)
     tolerance: float
     figures: Mapping[str, float] = field(default_factory=dict)
@@ -291,13 +287,11 @@ class Report(Generic[S]):
             from ..problem.leap_json import leap_to_json  # of leaps alone
 
             plan = {name: getattr(self.answer, name).tolist() for name in (*NUMBERS, "choice")}
-            content = {"leap": leap_to_json(self.answer.leap), "plan": {**plan, "timing": self.answer.timing}}
+            content = {"leap": leap_to_json(self.answer.problem), "plan": {**plan, "timing": self.answer.timing}}
             return _digest(content, self.tolerance, self.accepted)
-        of = {}
-        if isinstance(self.subject, Problem) and self.subject.is_posture:
-            of["problem"] = self.subject.to_json()
-        kind = "posture" if isinstance(self.answer, Plan) else "certificate"
-        return _digest({**of, kind: self.answer.to_json()}, self.tolerance, self.accepted)
+        of, kind = self.answer.problem, "posture" if isinstance(self.answer, Plan) else "certificate"
+        asked = {"problem": of.to_json()} if isinstance(of, Problem) and of.is_posture else {}
+        return _digest({**asked, kind: self.answer.to_json()}, self.tolerance, self.accepted)
 
     @property
     def message(self) -> str:
@@ -404,6 +398,9 @@ class Report(Generic[S]):
             if name in OLD_FIGURES and name in self.figures:
                 _warn(f"Report.{name} is old: Report.figures[{name!r}]")
                 return self.figures[name]
+            if name == "subject":
+                _warn("Report.subject is old: Report.answer.problem")
+                return getattr(self.answer, "problem", None)
             if name in ("joints_message", "trajectory"):
                 new = {"joints_message": "body_message", "trajectory": "answer"}[name]
                 _warn(f"Report.{name} is old: Report.{new}")
@@ -475,12 +472,14 @@ def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
     """The shape that each array of a plan over a problem has, by name; nobody works out joints of a posture."""
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.footholds), len(course.stances)
-    soles: dict[str, tuple[int, ...]] = {}
+    soles, joints = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
     if course.has_soles:
         points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
         soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
-    legs = 0 if course.is_posture else len(joint_names(course.robot))
-    joints = {} if course.has_soles else {"joints_rad": (frames, legs)}
+    elif course.is_posture:
+        joints = {"joints_rad": (frames, 0)}
+    else:
+        joints = {"joints_rad": (frames, len(joint_names(course.robot)))}
     return {
         "com_m": (frames, 3),
         "rotation_rad": (frames, 3),

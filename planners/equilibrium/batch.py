@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..cached import cached_property
-from ..files.arrays import Array
+from ..files.arrays import Array, locked
 from ..problem import PostureBatch, Problem
+from ..problem.problem import made
 from .layout import Index
 from .scaled import Scaled, skew
 
@@ -85,11 +86,13 @@ class ScaledBatch:
         """Give the points of these problems, one each, their units back. problems: in units."""
         forces = np.matmul(self.frames, points.forces[..., None])[..., 0] * self.like.force_n
         com, toes = points.com * self.like.length_m, points.toes * self.like.length_m
-        choice = self.like.numbers
+        rest: dict[str, Any] = dict.fromkeys(("points_m", "point_forces_n", "joints_rad", "modes"))
+        rest |= {"choice": locked(self.like.numbers), "provenance": {}}
+        com, rotation, toes, forces = locked((com, points.rotation.copy(), toes, forces))
         return [
-            Plan(
-                problem=problem, com_m=com[None, k], rotation_rad=points.rotation[None, k], toes_m=toes[k],
-                choice=choice, forces_n=forces[None, k],
+            made(
+                Plan, problem=problem, com_m=com[k : k + 1], rotation_rad=rotation[k : k + 1], toes_m=toes[k],
+                forces_n=forces[k : k + 1], **rest,
             )
             for k, problem in enumerate(problems)
         ]  # fmt: skip

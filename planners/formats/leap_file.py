@@ -146,4 +146,4 @@ def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
             raise InvalidInput(f"plan.{name}: expected numbers, got {shown(data[name])}") from None
     if not np.array_equal(numbers["choice"], np.trunc(numbers["choice"])):
         raise InvalidInput(f"plan.choice: expected whole numbers, got {shown(data['choice'])}")
-    return LeapPlan(leap=leap, timing=timing, provenance=dict(provenance), **numbers)
+    return LeapPlan(problem=leap, timing=timing, provenance=dict(provenance), **numbers)

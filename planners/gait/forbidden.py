@@ -21,8 +21,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
+from ..problem.walk import Walk
 from ..terrain.heightfield import HeightField
-from .task import GaitSettings, GaitTask
+from .task import GaitSettings
 
 FRICTION_ROOM = 0.02
 """Friction is taken to be this much more than it is: nothing is forbidden that the verifier tolerates."""
@@ -33,7 +34,7 @@ LEAST, GREATEST = 1e-6, 0.5 * np.pi - 1e-6
 """β that are taken, above the horizon [rad]."""
 
 
-def forbidden(task: GaitTask, settings: GaitSettings) -> str:
+def forbidden(task: Walk, settings: GaitSettings) -> str:
     """Why there is no such walk, in one sentence; empty where this proves nothing."""
     boxes = GradientBoxes(task.terrain)
     places = [("start", task.start_xy_m)] + [("goal", task.goal_xy_m)] * settings.still_end
@@ -74,7 +75,7 @@ class GradientBoxes:
         return np.asarray(corners / np.linalg.norm(corners, axis=1, keepdims=True))
 
 
-def _reach_m(task: GaitTask) -> float:
+def _reach_m(task: Walk) -> float:
     """How far a foot may be from the torso, however that is turned [m]."""
     return max(
         float(np.linalg.norm(np.maximum(np.abs(foot.reach_min_m), np.abs(foot.reach_max_m))))
@@ -90,13 +91,13 @@ def _suits(directions: Array, normals: Array, friction: float) -> Array:
     return np.asarray(least >= friction / np.hypot(1.0, friction))
 
 
-def _pull(task: GaitTask) -> float:
+def _pull(task: Walk) -> float:
     """What all feet that stick can pull with, in units of the weight."""
     assert task.suction_n is not None
     return sum(task.adhesive) * task.suction_n / task.robot.weight_n
 
 
-def _suction(task: GaitTask) -> str:
+def _suction(task: Walk) -> str:
     """That, in words; empty where no foot sticks."""
     return f" and suction of {_pull(task) * task.robot.weight_n:.0f} N" if any(task.adhesive) else ""
 
@@ -109,7 +110,7 @@ def _tips_over(normals: Array, friction: float, pull: float) -> bool:
     return bool(len(below)) and bool(_suits(np.concatenate(below), normals, friction).any())
 
 
-def _too_far(task: GaitTask, boxes: GradientBoxes, settings: GaitSettings) -> str:
+def _too_far(task: Walk, boxes: GradientBoxes, settings: GaitSettings) -> str:
     """Whether the net impulse of all the ground there is does not bring the body to the goal in time."""
     ahead = task.goal_xy_m - task.start_xy_m
     away = float(np.linalg.norm(ahead))
@@ -146,7 +147,7 @@ def _least(towards: Array, normals: Array, friction: float) -> float:
     return float(np.tan(least)) if least <= min(most, GREATEST) else np.inf
 
 
-def _always_stands(task: GaitTask, settings: GaitSettings) -> bool:
+def _always_stands(task: Walk, settings: GaitSettings) -> bool:
     """Whether some foot is on the ground at every moment, as the timing has it."""
     if task.timings != "fixed":
         return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ..problem.walk import Walk
 from ..warp.conformal import flatten
 from ..warp.spline_map import SplineMap
 from .charts import CHARTS
@@ -16,7 +17,7 @@ from .constraints.reach import reach
 from .constraints.swing import swing
 from .constraints.trunk import trunk
 from .gait_program import GaitProgram
-from .task import GaitSettings, GaitTask
+from .task import GaitSettings
 from .transcription.blocks import Constraint
 from .variables.structure import Structure
 
@@ -41,7 +42,7 @@ def terms(structure: Structure) -> list[Constraint]:
 
 
 def formulate(
-    task: GaitTask,
+    task: Walk,
     settings: GaitSettings | None = None,
     warp: SplineMap | Callable[[], SplineMap] | None = None,
 ) -> GaitProgram:

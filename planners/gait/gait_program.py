@@ -12,9 +12,10 @@ from ..answer.trajectory import STEP_S, Trajectory
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
+from ..problem.walk import Walk
 from .constraints.cost import acceleration, force_rate
 from .method.guess import perturbed, terrain_following
-from .task import GaitSettings, GaitTask
+from .task import GaitSettings
 from .transcription.blocks import Constraint
 from .transcription.ipopt import Callback, Ipopt
 from .transcription.program import Program
@@ -54,7 +55,7 @@ class GaitProgram:
     """
 
     def __init__(
-        self, task: GaitTask, settings: GaitSettings, structure: Structure, terms: Sequence[Constraint]
+        self, task: Walk, settings: GaitSettings, structure: Structure, terms: Sequence[Constraint]
     ) -> None:
         self.task, self.settings, self.structure = task, settings, structure
         self.nlp = Program(structure.layout.size, terms, [acceleration(structure)], force_rate(structure))

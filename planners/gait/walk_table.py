@@ -67,7 +67,7 @@ class WalkKeys(BaseModel):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Walk:
+class WalkTable:
     """A walk of some program: its name, what is said of it, and the walk itself."""
 
     name: str
@@ -86,7 +86,7 @@ def walk_names(folder: str | Path) -> tuple[Path, ...]:
     return found
 
 
-def read_walk(path: str | Path) -> Walk:
+def read_walk(path: str | Path) -> WalkTable:
     """The walk of a YAML file and the samples beside it.
 
     Raises InvalidInput, one line, for keys that are wrong, samples that are missing, and samples of other shapes.
@@ -112,7 +112,7 @@ def read_walk(path: str | Path) -> Walk:
         )  # fmt: skip
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
-    return Walk(name=path.stem, keys=keys, trajectory=trajectory)
+    return WalkTable(name=path.stem, keys=keys, trajectory=trajectory)
 
 
 def _from(path: Path, name: str) -> str:

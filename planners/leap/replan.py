@@ -24,7 +24,7 @@ def remaining_leap(plan: LeapPlan, time_s: float, state: BodyState) -> Leap:
     Raises:
         InvalidInput: for a time that is not within the plan.
     """
-    leap, ends = plan.leap, plan.times_s
+    leap, ends = plan.problem, plan.times_s
     if not 0.0 <= time_s < ends[-1]:
         raise InvalidInput(f"time_s: expected 0 or more, and less than {ends[-1]:g} s, got {time_s:g}")
     k = int(np.searchsorted(ends, time_s, side="right")) - 1

@@ -186,7 +186,7 @@ def plan_from(numbers: LeapNumbers, choice: Index, toes_m: Array, forces_n: Arra
     momentum = numbers.momentum[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])
     turn = numbers.turned(replace(moving, momentum=momentum))[1]
     return LeapPlan(
-        leap=leap,
+        problem=leap,
         timing=numbers.timing,
         choice=choice,
         com_m=com[::2],

@@ -23,7 +23,7 @@ class LeapMotion:
     """
 
     def __init__(self, plan: LeapPlan) -> None:
-        self.plan, leap = plan, plan.leap
+        self.plan, leap = plan, plan.problem
         patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
         self.solids = tuple(Solid.behind(patch) for patch in patches)
         self._normals = np.array([patch.normal for patch in patches])
@@ -43,7 +43,7 @@ class LeapMotion:
 
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times; the ends are held."""
-        plan, leap = self.plan, self.plan.leap
+        plan, leap = self.plan, self.plan.problem
         ends = plan.times_s
         when = np.clip(np.asarray(times_s, dtype=np.float64), ends[0], ends[-1])
         k = np.clip(np.searchsorted(ends, when, side="right") - 1, 0, len(ends) - 2)
@@ -68,7 +68,7 @@ class LeapMotion:
 
     def _turned(self, k: NDArray[np.int_], s: Array, last: Array) -> tuple[Array, Array]:
         """Θ and its rate a share s into interval k, which lasts so long, shape (…, 3) each."""
-        robot = self.plan.leap.robot
+        robot = self.plan.problem.robot
         assert robot.inertia is not None
         rates = self.plan.momentum_m2_s @ np.linalg.inv(robot.inertia / robot.mass_kg).T
         first, second = self.plan.rotation_rad[k], self.plan.rotation_rad[k + 1]

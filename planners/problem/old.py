@@ -8,27 +8,38 @@ from typing import Any
 from .problem import Problem
 
 
-class _Named(type):
-    """A name that makes problems, and that some problems are instances of."""
+class Named(type):
+    """A name of before that makes values (``made``), and that some values are instances of (``known``)."""
 
     def __instancecheck__(cls, instance: object) -> bool:
-        return isinstance(instance, Problem) and instance.is_posture == cls.postures  # type: ignore[attr-defined]
+        return bool(cls.known(instance))  # type: ignore[attr-defined]
 
-    def __call__(cls, *args: Any, **kwargs: Any) -> Problem:
-        return (Problem.posture if cls.postures else Problem)(*args, **kwargs)  # type: ignore[attr-defined]
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        """Make a value."""
+        return cls.made(*args, **kwargs)  # type: ignore[attr-defined]
 
 
-class PostureProblem(metaclass=_Named):
+class PostureProblem(metaclass=Named):
     """As ``Problem.posture``."""
 
-    postures = True
+    made = Problem.posture
     from_json = staticmethod(Problem.from_json)
 
+    @staticmethod
+    def known(instance: object) -> bool:
+        """Whether it is a posture problem."""
+        return isinstance(instance, Problem) and instance.is_posture
 
-class Course(metaclass=_Named):
+
+class Course(metaclass=Named):
     """As ``Problem``."""
 
-    postures = False
+    made = Problem
+
+    @staticmethod
+    def known(instance: object) -> bool:
+        """Whether it is a course."""
+        return isinstance(instance, Problem) and not instance.is_posture
 
     @staticmethod
     def of_posture(problem: Problem, name: str = "posture") -> Problem:

@@ -29,7 +29,7 @@ from .workspace_cache import workspaces_of
 
 BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_walker}
 LEGS = (4, 6)
-"""Numbers of legs that there are gaits for (``gait.variables.phases.GAITS``)."""
+"""Numbers of legs that there are gaits for (``problem.gaits.GAITS``)."""
 ROOM = 0.05
 """Of the leg's length: a foot stands so far inside what it reaches, or farther."""
 CROUCHES = 101

@@ -27,7 +27,7 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
             return f"{name}: expected finite numbers", -1, ""
         if not course.is_posture and np.abs(array).max(initial=0) > LARGEST:
             return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}", -1, ""
-    for put, chosen in zip(course.footholds, plan.choice, strict=True):
+    for put, chosen in zip(course.footholds, plan.choice, strict=True) if plan.choice.any() else ():
         if not 0 <= chosen < len(put.candidates):
             most = len(put.candidates) - 1
             return (

@@ -56,11 +56,10 @@ def check_leap(plan: LeapPlan) -> Report[LeapPlan]:
     defect = _defect(plan)
     if defect:
         broken = (violation(name, math.inf, 1.0, TOLERANCE, unit=unit) for name, (unit, _) in UNITS.items())
-        return Report(groups=tuple(broken), subject=plan.leap, answer=plan, tolerance=TOLERANCE, defect=defect)
+        return Report(groups=tuple(broken), answer=plan, tolerance=TOLERANCE, defect=defect)
     judge = _Judge(plan)
     return Report(
         groups=(*judge.groups(), *NOT_JUDGED),
-        subject=plan.leap,
         answer=plan,
         tolerance=TOLERANCE,
         figures={"momentum_error": judge.momentum_error},
@@ -69,7 +68,7 @@ def check_leap(plan: LeapPlan) -> Report[LeapPlan]:
 
 def _defect(plan: LeapPlan) -> str:
     """Why a plan is none; empty where it is one."""
-    leap = plan.leap
+    leap = plan.problem
     m, n, p = leap.intervals, len(leap.robot.limbs), len(leap.footholds)
     nodes = (m + 1, 3)
     shapes = dict(zip(NUMBERS, (nodes, nodes, nodes, nodes, (p, 3), (m, n, 3)), strict=True)) | {"choice": (p,)}
@@ -91,7 +90,7 @@ class _Judge:
     """One plan, integrated."""
 
     def __init__(self, plan: LeapPlan) -> None:
-        self.plan, self.leap = plan, plan.leap
+        self.plan, self.leap = plan, plan.problem
         self.phase = self.leap.interval_phases
         inertia = self.leap.robot.inertia
         assert inertia is not None

@@ -126,7 +126,6 @@ class _Sweep:
         bent, exact_m = self._linearisation()
         return Report(
             groups=(*self._found.values(), *further_groups(self._plan), *body),
-            subject=self._course,
             answer=self._plan,
             tolerance=self._tolerance,
             figures={

@@ -50,7 +50,7 @@ def posture_report(posture: Plan, tolerance: float) -> Report[Plan]:
         "exact_reach_m": max(0.0, float(out.max())),
     }
     return Report(
-        groups=tuple(groups.values()), subject=problem, answer=posture, tolerance=tolerance, figures=figures
+        groups=tuple(groups.values()), answer=posture, tolerance=tolerance, figures=figures
     )
 
 
@@ -174,7 +174,6 @@ def refused(plan: Plan, tolerance: float, defect: str, *, frame: int = -1, limb:
     ]
     return Report(
         groups=(*violated, *body),
-        subject=plan.problem,
         answer=plan,
         tolerance=tolerance,
         figures=figures,

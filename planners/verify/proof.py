@@ -34,7 +34,6 @@ def proof_report(
     )
     return Report(
         groups=(group,),
-        subject=certificate.problem,
         answer=certificate,
         tolerance=tolerance,
         figures={"lower_bound": bound, "leaves": leaves, "weakest": weakest},

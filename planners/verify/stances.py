@@ -183,7 +183,7 @@ class Stances:
         numbers = np.array([(contact.patch.friction, contact.reach_m) for contact in contacts])
         axes = np.array([(contact.patch.normal, contact.patch.shear_reference) for contact in contacts])
         rest = np.array([(contact.shoulder_m, contact.force_min, contact.force_max) for contact in contacts])
-        pose = np.array([(a.com_m[0], a.rotation_rad[0], a.problem.com_nominal_m[0]) for a in postures])
+        pose = np.array([(a.com_m, a.rotation_rad, a.problem.com_nominal_m) for a in postures])[:, :, 0]
         toes = np.concatenate([posture.toes_m for posture in postures])
         bounds = rest[:, 1:] * scale[owner][:, None, None]
         whole = Stances(

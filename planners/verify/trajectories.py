@@ -45,7 +45,6 @@ def check_trajectory(
             return _refused(trajectory, limits, "the numbers overflow")
         return Report(
             groups=groups,
-            subject=None,
             answer=trajectory,
             tolerance=0.0,
             figures=measured.figures(limits.cone),
@@ -157,5 +156,5 @@ def _whole(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
 def _refused(trajectory: Trajectory, limits: WalkLimits, defect: str) -> Report[Trajectory]:
     groups = tuple(Group(group, math.inf, 0.0, unit) for group, unit in GROUPS.items())
     return Report(
-        groups=groups, subject=None, answer=trajectory, tolerance=0.0, limits=asdict(limits), defect=defect
+        groups=groups, answer=trajectory, tolerance=0.0, limits=asdict(limits), defect=defect
     )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..files.arrays import Array
 
 SLACK = 1e-6
-"""A certificate must also refute postures that break constraints by this much: ``check_posture`` accepts those."""
+"""A certificate must also refute postures that break constraints by this much: ``check_plan`` accepts those."""
 
 
 def least_works(a: Array, lower: Array, upper: Array, friction: Array, slack: float = SLACK) -> tuple[Array, Array]:

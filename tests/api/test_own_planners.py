@@ -66,6 +66,14 @@ def test_evidence_that_is_accepted_counts(held, refuted):
             assert outcome.method == "mine"
 
 
+def test_a_planner_may_answer_under_the_name_of_before(held):
+    with pytest.warns(DeprecationWarning, match=r"stancekit\.Posture is old"):
+        posture = stancekit.Posture(**held.solution.to_json())
+    for answer in (posture, Answer(status=Status.FEASIBLE, method="mine", solution=posture)):
+        outcome = stancekit.solve(held.problem, Says(answer))
+        assert (outcome.status, outcome.solution.problem) == (Status.FEASIBLE, held.problem)
+
+
 @pytest.mark.parametrize(
     ("answer", "said"),
     [

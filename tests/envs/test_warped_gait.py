@@ -15,14 +15,15 @@ from stancekit.envs.distributions.walks import SampledTasks
 from stancekit.envs.warped_gait import HEIGHTS, NOISES, PATCH, PATCH_M, GaitRewardWeights, WarpedGaitEnv, observe
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.planners.robot.small_urdfs import quadruped
 
 PLAIN = HeightField.from_function(lambda x, y: 0.1 * x - 0.05 * y, 3.0, 0.25, name="plain")
-WALK = GaitTask(robot=anymal(), terrain=PLAIN, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
+WALK = Walk(robot=anymal(), terrain=PLAIN, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
 SHORT = SampledTasks(duration_s=2.0, distance_m=(0.1, 0.3), difficulty=(0.1, 0.4))
 FEW = GaitSettings(max_iterations=4)
 

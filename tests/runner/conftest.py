@@ -14,8 +14,9 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain.heightfield import HeightField
@@ -64,7 +65,7 @@ def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def gait() -> Attempted:
     """The hexapod's tripod gait over waves 6 cm high, two cycles."""
     waves = HeightField.from_function(lambda x, y: 0.03 * np.sin(4 * x + 0.3) * np.cos(3 * y), 1.0, 0.1, name="waves")
-    task = GaitTask(
+    task = Walk(
         robot=hexapod_walker(), terrain=waves, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.1, 0.05]), duration_s=2.0,
         gait="tripod",
     )  # fmt: skip

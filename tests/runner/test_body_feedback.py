@@ -16,9 +16,10 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import walker_of
@@ -144,7 +145,7 @@ def walked() -> Attempted:
     """A small quadruped, two seconds over low waves."""
     model = model_of(quadruped(bone=BONE), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3})
     waves = HeightField.from_function(lambda x, y: 0.02 * np.sin(4 * x + 0.3) * np.cos(3 * y), 1.5, 0.1, name="waves")
-    task = GaitTask(
+    task = Walk(
         robot=walker_of(model), terrain=waves, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.5,
         friction=0.6,
     )  # fmt: skip

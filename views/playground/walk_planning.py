@@ -17,7 +17,8 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps, plan_gait
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 
 ITERATIONS, TOTAL_S = 80, 120.0
 """Of a solve, and CPU time of all solves of a walk [s]."""
@@ -50,7 +51,7 @@ class WalkPlanning:
         self._process: Any = None
         self._lock = threading.Lock()
 
-    def begin(self, number: int, task: GaitTask) -> None:
+    def begin(self, number: int, task: Walk) -> None:
         """Plan this walk, and no other any more."""
         self.end()
         context = multiprocessing.get_context("spawn")
@@ -85,7 +86,7 @@ class WalkPlanning:
             self._on_answer(number, WalkAnswer(done=True, message=message, seconds=time.monotonic() - begun_s))
 
 
-def _serve(pipe: Any, task: GaitTask) -> None:
+def _serve(pipe: Any, task: Walk) -> None:
     """The process's whole life; its own children end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     last = [0.0]

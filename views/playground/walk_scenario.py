@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.heightfield import HeightField
@@ -84,9 +84,9 @@ class WalkScenario:
         """The same for another robot. Raises InvalidInput."""
         return replace(self, walker=named_walker(robot), robot=robot)
 
-    def task(self) -> GaitTask:
+    def task(self) -> Walk:
         """The walk that is asked for. Raises InvalidInput for a place where the robot cannot stand."""
-        return GaitTask(
+        return Walk(
             robot=self.walker, terrain=self.terrain, start_xy_m=np.array(self.start_m), goal_xy_m=np.array(self.goal_m),
             duration_s=self.takes_s, friction=self.friction, gait="trot" if len(self.walker.feet) == 4 else "tripod",
         )  # fmt: skip

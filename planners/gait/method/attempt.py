@@ -14,13 +14,14 @@ import numpy as np
 from ...answer.report import Report
 from ...answer.trajectory import STEP_S, Trajectory
 from ...files.arrays import Array
+from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
 from ...warp.conformal import flatten
 from ...warp.spline_map import SplineMap
 from ..charts import CHARTS
 from ..formulation import formulate
 from ..gait_program import GaitProgram, GaitSolution
-from ..task import GaitSettings, GaitTask
+from ..task import GaitSettings
 
 Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
 """Called at every iteration with the attempt, the iteration over all its solves, the largest violation, the cost and
@@ -95,7 +96,7 @@ class Workbench:
     One thread at a time may use it. A copy (deepcopy, pickle) has the map, and writes its own programs.
     """
 
-    def __init__(self, task: GaitTask, settings: GaitSettings | None = None, warp: SplineMap | None = None) -> None:
+    def __init__(self, task: Walk, settings: GaitSettings | None = None, warp: SplineMap | None = None) -> None:
         self.task, self.settings, self.warp = task, settings or GaitSettings(), warp
         self._programs: dict[str, GaitProgram] = {}
 

@@ -16,7 +16,8 @@ import numpy as np
 from ...files.archive import read_archive
 from ...files.arrays import Array
 from ...files.writing import remove_leftovers, write_bytes
-from ..task import GaitSettings, GaitTask
+from ...problem.walk import Walk
+from ..task import GaitSettings
 from .attempt import Attempt, Attempted
 
 FAILED = -1
@@ -31,7 +32,7 @@ class Checkpoint:
     """
 
     def __init__(
-        self, out: Path | None, task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt],
+        self, out: Path | None, task: Walk, settings: GaitSettings, attempts: Sequence[Attempt],
         phases: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
         self.path = None if out is None else out.with_suffix(".partial.npz")
@@ -93,7 +94,7 @@ class Checkpoint:
                 self._done, self._points, self._own = {int(k) for k in packed["done"]}, points, True
 
 
-def _digest(task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt], phases: Mapping[str, Any]) -> str:
+def _digest(task: Walk, settings: GaitSettings, attempts: Sequence[Attempt], phases: Mapping[str, Any]) -> str:
     content = hashlib.sha256()
     for array in task.terrain.to_arrays().values():
         content.update(np.ascontiguousarray(array).tobytes())

@@ -20,10 +20,11 @@ from ...answer.report import Report
 from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked, checked_int
+from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
 from ..forbidden import forbidden
 from ..gait_program import GaitSolution
-from ..task import GaitSettings, GaitTask
+from ..task import GaitSettings
 from .attempt import Attempt, Attempted, Progress, Workbench
 from .budget import SolveBudget, SolveRecord
 from .checkpoint import FAILED, Checkpoint
@@ -75,6 +76,7 @@ class Attempts:
     """The attempts at a walk, in their order.
 
     Arguments:
+        walk: that was asked for.
         attempts: with the best trajectory of each, accepted or not.
         feasible: the verifier's report on the first feasible point of each, before the second phase, None for none.
         solves: every one in its order.
@@ -82,6 +84,7 @@ class Attempts:
         stopped: the caller asked it to end.
     """
 
+    walk: Walk
     attempts: tuple[Attempted, ...]
     feasible: tuple[Report[Trajectory] | None, ...]
     solves: tuple[SolveRecord, ...]
@@ -98,6 +101,7 @@ class Attempts:
         return Answer(
             status=Status.FEASIBLE if self.verified else Status.UNDECIDED,
             method=", ".join(names) if best is None else best.attempt.name,
+            problem=self.walk,
             solution=None if best is None else best.trajectory,
             report=None if best is None else best.report,
             residual=math.nan if best is None else best.report.worst,
@@ -139,7 +143,7 @@ class Attempts:
 
 
 def plan_gait(
-    task: GaitTask,
+    task: Walk,
     settings: GaitSettings | None = None,
     progress: Progress | None = None,
     *,
@@ -167,7 +171,7 @@ def plan_gait(
     """
     settings = settings or GaitSettings()
     if reason := forbidden(task, settings):
-        return Attempts(attempts=(), feasible=(), solves=(), failures=(reason,))
+        return Attempts(walk=task, attempts=(), feasible=(), solves=(), failures=(reason,))
     todo = default_attempts(task) if attempts is None else list(attempts)
     caps = caps or Caps()
     checkpoint = checkpoint or Checkpoint(None, task, settings, todo)
@@ -187,6 +191,7 @@ def plan_gait(
         if run.budget.exhausted:
             break
     return Attempts(
+        walk=task,
         attempts=tuple(found),
         feasible=tuple(run.feasible),
         solves=tuple(run.budget.solves),
@@ -195,7 +200,7 @@ def plan_gait(
     )
 
 
-def default_attempts(task: GaitTask) -> list[Attempt]:
+def default_attempts(task: Walk) -> list[Attempt]:
     """The charts in the order in which they are worth trying on a task's terrain."""
     if steepest(task.terrain) > STEEP and task.terrain.even:
         widened = heights_for(task.terrain, gentle=WIDENED)

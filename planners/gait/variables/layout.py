@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ...files.arrays import Array
-from .phases import FootPhases
+from ...problem.gaits import FootPhases
 from .splines import clamped_basis, clamped_knots, greville, hermite, uniform_basis, uniform_greville, uniform_size
 
 Index = NDArray[np.intp]

@@ -7,8 +7,9 @@ import numpy as np
 from ...cached import cached_property
 from ...errors import InvalidInput
 from ...files.arrays import Array
+from ...problem.walk import Walk
 from ..charts.chart import Chart
-from ..task import GaitSettings, GaitTask
+from ..task import GaitSettings
 from ..transcription.blocks import Rows, Selection, VariableGroup
 from .layout import GaitLayout, Index
 from .timing import FootGroup, entry_group, moving_groups, scheduled_groups
@@ -17,7 +18,7 @@ from .timing import FootGroup, entry_group, moving_groups, scheduled_groups
 class Structure:
     """The shape of one program: settings applied to a task, before any term is written."""
 
-    def __init__(self, task: GaitTask, settings: GaitSettings, chart: Chart) -> None:
+    def __init__(self, task: Walk, settings: GaitSettings, chart: Chart) -> None:
         self.task, self.settings, self.chart = task, settings, chart
         steps = round(task.duration_s / settings.step_s)
         if steps < 2 or abs(steps * settings.step_s - task.duration_s) > 1e-9:

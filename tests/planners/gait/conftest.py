@@ -7,7 +7,8 @@ import pytest
 
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 
@@ -27,7 +28,7 @@ def small(field: HeightField) -> Callable[..., GaitProgram]:
     """Programs of a short walk over the waves, by settings."""
 
     def build(terrain: HeightField = field, timings: str = "fixed", **settings: object) -> GaitProgram:
-        task = GaitTask(
+        task = Walk(
             robot=anymal(), terrain=terrain, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0,
             timings=timings,  # type: ignore[arg-type]
         )  # fmt: skip

@@ -12,7 +12,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import check_file
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import TERRAINS, named_terrain
@@ -65,7 +66,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_chart_of_ones_own_finds_the_walk_of_its_sibling(files: Path) -> None:
     field = HeightField.from_function(lambda x, y: 0.05 * np.sin(2.0 * x) * np.cos(y), 2.0, 0.1)
-    task = GaitTask(robot=anymal(), terrain=field, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
+    task = Walk(robot=anymal(), terrain=field, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
     own = formulate(task, GaitSettings(chart="mine.py:Lifted")).solve()
     other = formulate(task, GaitSettings(chart="shear")).solve()
     assert own.success

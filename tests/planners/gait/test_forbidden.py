@@ -10,7 +10,8 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.forbidden import GradientBoxes, forbidden
 from stancekit.planners.gait.method.portfolio import plan_gait
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
@@ -24,8 +25,8 @@ def ramp(slope: float, turn: float) -> HeightField:
     )
 
 
-def task(terrain: HeightField, friction: float, goal=(0.5, 0.2), **options) -> GaitTask:
-    return GaitTask(
+def task(terrain: HeightField, friction: float, goal=(0.5, 0.2), **options) -> Walk:
+    return Walk(
         robot=options.pop("robot", None) or anymal(), terrain=terrain, start_xy_m=np.zeros(2),
         goal_xy_m=np.array(goal), friction=friction, **options,
     )  # fmt: skip
@@ -77,7 +78,7 @@ def test_suction_that_does_not_hold_the_weight_is_no_way_up() -> None:
 
 def test_the_benchmarks_are_not_forbidden_and_neither_is_what_sticks() -> None:
     for name, start, goal in (("ripple", (0, 0), (1.8, 0.5)), ("cone", (-2.2, 0), (0.5, 0.2))):
-        asked = GaitTask(
+        asked = Walk(
             robot=anymal(), terrain=reference_terrain(name), start_xy_m=np.array(start), goal_xy_m=np.array(goal)
         )
         assert forbidden(asked, GaitSettings()) == ""

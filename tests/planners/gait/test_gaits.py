@@ -5,8 +5,8 @@ import pytest
 
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.smoothing import smoothed
-from stancekit.planners.gait.task import GaitTask
-from stancekit.planners.gait.variables.phases import GAITS
+from stancekit.planners.problem.gaits import GAITS
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -16,7 +16,7 @@ from stancekit.planners.verify.trajectories import check_trajectory
 def test_every_gait_crosses_ripples_and_the_verifier_accepts_it(gait: str) -> None:
     robot = hexapod_walker() if gait == "tripod" else anymal()
     goal = np.array([0.3, 0.09]) if gait == "tripod" else np.array([0.6, 0.18])
-    task = GaitTask(
+    task = Walk(
         robot=robot, terrain=reference_terrain("ripple"), start_xy_m=np.zeros(2), goal_xy_m=goal, gait=gait,
         start_yaw_rad=float(np.arctan2(goal[1], goal[0])), duration_s=3.0,
     )  # fmt: skip

@@ -138,7 +138,7 @@ def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: Answer[LeapPla
         momentum_m2_s=plan.momentum_m2_s[4], rotation_rad=here.rotation_rad,
     )  # fmt: skip
     rest = remaining_leap(plan, 0.4, state)
-    assert [phase.limbs for phase in rest.phases] == [(), plan.leap.phases[2].limbs]
+    assert [phase.limbs for phase in rest.phases] == [(), plan.problem.phases[2].limbs]
     assert find_leap(rest).status is Status.FEASIBLE
     with pytest.raises(InvalidInput, match=r"time_s: expected 0 or more, and less than 0\.96 s, got 2"):
         remaining_leap(plan, 2.0, state)
@@ -200,7 +200,7 @@ def test_any_multipliers_have_the_bound_that_the_check_works_out_on_its_own(name
 def test_a_leap_that_is_found_makes_no_sum_of_any_multipliers_positive(found: Answer[LeapPlan]) -> None:
     plan, rng = found.solution, np.random.default_rng(6)
     assert plan is not None
-    numbers = LeapNumbers.of(plan.leap)
+    numbers = LeapNumbers.of(plan.problem)
     size = sum(int(np.prod(shape)) for shape in shapes(numbers).values())
     rows = [np.where(rng.random(size) < 0.2, rng.normal(size=size), 0.0) for _ in range(30)]
     for row in rows:

@@ -11,9 +11,10 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.guess import along_key_frames
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -146,7 +147,7 @@ def test_on_level_ground_the_pushed_plan_is_the_plan(level, plan):
 @pytest.mark.parametrize("chart", ["decoupled", "warped-exact"])
 def test_a_guess_along_key_frames_steps_where_the_key_frames_do(waves, plan, chart):
     frames = pushed_plan(waves, plan, np.array([-0.2, 0.0]))
-    task = GaitTask(
+    task = Walk(
         robot=hexapod_walker(), terrain=WAVES, start_xy_m=frames.com_m[0, :2], goal_xy_m=frames.com_m[-1, :2],
         gait="tripod", duration_s=4.0,
     )  # fmt: skip
@@ -170,7 +171,7 @@ def replace_x(program, x):
 
 def test_key_frames_of_another_robot_are_refused(waves, plan):
     frames = pushed_plan(waves, plan, np.zeros(2))
-    task = GaitTask(robot=anymal(), terrain=WAVES, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.0]), duration_s=2)
+    task = Walk(robot=anymal(), terrain=WAVES, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.0]), duration_s=2)
     with pytest.raises(InvalidInput, match=r"^key frames: expected limbs LF, RF, LH, RH, got "):
         along_key_frames(formulate(task).structure, frames)
 

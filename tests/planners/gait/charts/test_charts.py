@@ -10,7 +10,8 @@ from stancekit.planners.gait.charts.pushforward import Pushforward
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.method.guess import GuessedWalk
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import Foot, GaitRobot, anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
@@ -30,7 +31,7 @@ def identity(terrain: HeightField) -> SplineMap:
 @pytest.mark.parametrize("name", ["warped", "warped-exact"])
 def test_the_warped_chart_over_the_identity_is_the_ambient_chart(name: str) -> None:
     level = HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25)
-    task = GaitTask(
+    task = Walk(
         robot=anymal(), terrain=level, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0
     )
     warped = formulate(task, GaitSettings(chart=name), warp=identity(level))  # type: ignore[arg-type]
@@ -51,7 +52,7 @@ def test_the_warped_chart_over_the_identity_is_the_ambient_chart(name: str) -> N
 
 def test_a_terrain_with_a_map_is_not_scaled(small: Build) -> None:
     level = HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25)
-    task = GaitTask(robot=anymal(), terrain=level, start_xy_m=[0, 0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
+    task = Walk(robot=anymal(), terrain=level, start_xy_m=[0, 0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
     program = formulate(task, GaitSettings(chart="warped-exact"), warp=identity(level))
     with pytest.raises(InvalidInput, match=r"height_factor: expected 1 in the chart warped-exact, .* got 0\.5"):
         program.solve(height_factor=0.5)
@@ -95,7 +96,7 @@ def test_the_guess_stands_on_the_terrain_and_begins_and_ends_where_it_should(sma
 
 
 def test_a_hexapod_walks_on_its_tripods(field: HeightField) -> None:
-    task = GaitTask(
+    task = Walk(
         robot=hexapod_walker(), terrain=field.scaled(0.3), start_xy_m=np.zeros(2), goal_xy_m=np.array([0.1, 0.0]),
         duration_s=2.0, gait="tripod",
     )  # fmt: skip
@@ -108,10 +109,10 @@ def test_a_hexapod_may_stand_wherever_its_boxes_hold_ground() -> None:
         assert walk(robot=hexapod_walker(), terrain=ripple, gait="tripod", goal_xy_m=goal).goal_xy_m.tolist() == goal
 
 
-def walk(**changes: object) -> GaitTask:
+def walk(**changes: object) -> Walk:
     """A task on the steep pit, changed."""
     asked = {"robot": anymal(), "terrain": PIT, "start_xy_m": [0.0, 0.0], "goal_xy_m": [2.2, 0.0], **changes}
-    return GaitTask(**asked)  # type: ignore[arg-type]
+    return Walk(**asked)  # type: ignore[arg-type]
 
 
 PIT = reference_terrain("pit")

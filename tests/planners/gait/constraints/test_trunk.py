@@ -8,8 +8,8 @@ import numpy as np
 from stancekit.planners.gait.constraints.trunk import lower_face, near
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.task import GaitTask
 from stancekit.planners.gait.variables.structure import Structure
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -49,7 +49,7 @@ def test_a_pit_of_79_degrees_is_climbed_with_the_trunk_clear_between_all_nodes_a
 
 def pit(duration_s: float = 10.0) -> GaitProgram:
     """Out of the pit of 79°, straight ahead."""
-    task = GaitTask(
+    task = Walk(
         robot=anymal(), terrain=reference_terrain("pit"), start_xy_m=np.zeros(2), goal_xy_m=np.array([2.0, 0.0]),
         adhesive=(True, True, False, False), duration_s=duration_s,
     )  # fmt: skip

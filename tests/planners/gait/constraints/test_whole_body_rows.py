@@ -15,8 +15,9 @@ from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.method.densification import Checks, DenseProgram, densified
 from stancekit.planners.gait.method.leg_loads import leg_loads
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.gait.variables.samples import sampled
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
@@ -33,7 +34,7 @@ LOW = WalkLimits(torque=0.3)
 def program(chart: str = "decoupled") -> GaitProgram:
     x = np.linspace(-2.0, 2.0, 41)
     slope = HeightField(x, x, 0.1 * x[:, None] + 0.05 * np.sin(4.0 * x), "waves")
-    task = GaitTask(robot=stepping().robot, terrain=slope, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.15, 0.05]),
+    task = Walk(robot=stepping().robot, terrain=slope, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.15, 0.05]),
                     duration_s=2.0)  # fmt: skip
     return formulate(task, GaitSettings(chart=chart))
 

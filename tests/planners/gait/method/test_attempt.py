@@ -9,13 +9,14 @@ import pytest
 
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
 from stancekit.planners.gait.method.checkpoint import FAILED, Checkpoint
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 
 BUMPS = HeightField.from_function(lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps")
-TASK = GaitTask(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)
+TASK = Walk(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)
 
 
 @pytest.fixture(scope="module")

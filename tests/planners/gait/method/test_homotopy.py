@@ -17,7 +17,7 @@ from stancekit.planners.gait.method.homotopy import (
     stage_program,
     steepest,
 )
-from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
@@ -106,7 +106,7 @@ def test_a_wall_that_is_widened_keeps_its_height_and_has_the_share_of_its_gradie
 
 def test_a_step_of_84_degrees_is_climbed_by_widening_it():
     step = HeightField.from_function(lambda x, y: 0.15 * np.tanh((x - 0.45) / 0.015), 1.2, 0.025, tolerance_m=0.05)
-    task = GaitTask(robot=anymal(), terrain=step, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.3, 0.0]), duration_s=4)
+    task = Walk(robot=anymal(), terrain=step, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.3, 0.0]), duration_s=4)
     asked = []
 
     def solve(program, guess, /, **options):
@@ -125,7 +125,7 @@ def test_a_step_of_84_degrees_is_climbed_by_widening_it():
 def test_terrain_that_no_gaussian_fits_is_solved_as_it_is(bench):
     lines = np.array([-1.0, -0.5, 0.0, 0.4, 1.0])
     heights = np.add.outer(lines**2, 0.0 * lines)
-    bench.task = GaitTask(
+    bench.task = Walk(
         robot=anymal(), terrain=HeightField(2 * lines, 2 * lines, heights), start_xy_m=np.zeros(2),
         goal_xy_m=np.array([0.1, 0.0]),
     )  # fmt: skip
@@ -136,7 +136,7 @@ def test_terrain_that_no_gaussian_fits_is_solved_as_it_is(bench):
 
 def test_warped_stages_have_a_map_of_their_own_terrain():
     bumps = HeightField.from_function(lambda x, y: 0.1 * np.cos(2.0 * x), 2.0, 0.2)
-    task = GaitTask(robot=anymal(), terrain=bumps, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.0]), duration_s=2)
+    task = Walk(robot=anymal(), terrain=bumps, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.0]), duration_s=2)
     bench = Workbench(task)
     lower, factor = stage_program(bench, "warped-exact", 0.5)
     assert factor == 1.0

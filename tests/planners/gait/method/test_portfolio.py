@@ -15,14 +15,15 @@ from stancekit.planners.gait.method.checkpoint import Checkpoint
 from stancekit.planners.gait.method.homotopy import steepest
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
-from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
 
 BUMPS = HeightField.from_function(lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps")
-TASK = GaitTask(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)
+TASK = Walk(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)
 FIRST = [Attempt(chart="decoupled")]
 LAGGING = GaitSettings(dynamics="printed")  # the printed PCDM balances the forces of a step later
 PLAIN = Caps(smoothing=Smoothing(rounds=0), densifications=0)
@@ -149,7 +150,7 @@ def test_a_solver_that_does_not_answer_has_found_nothing(monkeypatch, plan):
 
 
 def test_steep_terrain_gets_stages_in_the_world_chart():
-    pit = GaitTask(robot=anymal(), terrain=reference_terrain("pit"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
+    pit = Walk(robot=anymal(), terrain=reference_terrain("pit"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
     heights = default_attempts(pit)[-1].heights
     assert len(heights) > 2
     assert heights[-1] == 1.0
@@ -157,7 +158,7 @@ def test_steep_terrain_gets_stages_in_the_world_chart():
 
 
 def test_walls_beyond_81_degrees_are_widened_first():
-    deep = GaitTask(robot=anymal(), terrain=reference_terrain("pit-87"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
+    deep = Walk(robot=anymal(), terrain=reference_terrain("pit-87"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
     first = default_attempts(deep)[0]
     assert first.name == "ambient, 4 smoothings"
     assert first.heights[0] * steepest(deep.terrain) == pytest.approx(4.0)

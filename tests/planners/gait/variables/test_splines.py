@@ -8,7 +8,6 @@ import pytest
 from scipy.interpolate import BSpline, CubicHermiteSpline
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.variables.phases import GAITS, FootPhases, schedule
 from stancekit.planners.gait.variables.splines import (
     clamped_basis,
     clamped_knots,
@@ -16,6 +15,7 @@ from stancekit.planners.gait.variables.splines import (
     hermite,
     uniform_basis,
 )
+from stancekit.planners.problem.gaits import GAITS, FootPhases, schedule
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])

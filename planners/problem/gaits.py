@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidInput
-from ...files.arrays import Array, checked_choice, read_only
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked_choice, read_only
 
 
 @dataclass(frozen=True, kw_only=True)

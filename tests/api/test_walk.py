@@ -1,0 +1,41 @@
+"""The question of a walk is one value, whether it was written with names or as it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit import InvalidInput, Walk
+
+
+@pytest.fixture(scope="module")
+def level() -> stancekit.HeightField:
+    return stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+
+
+def test_a_walk_that_is_handed_over_is_the_one_of_its_arguments(level):
+    asked = Walk.over(level, (0.2, 0.0), duration_s=2.0)
+    how = {"chart": "decoupled", "total_iterations": 40, "time_limit_s": 1e6}
+    answer, same = stancekit.walk(asked, **how), stancekit.walk(level, (0.2, 0.0), duration_s=2.0, **how)
+    assert answer.problem is asked
+    assert isinstance(same.problem, Walk)
+    for name in vars(asked).keys() - {"robot"}:
+        assert np.array_equal(getattr(same.problem, name), getattr(asked, name)), name
+    assert answer.solution.digest == same.solution.digest
+
+
+def test_nothing_goes_beside_a_walk_that_it_says_itself(level):
+    asked = Walk.over(level, (0.2, 0.0), duration_s=2.0)
+    for name, value in (("goal_xy_m", (0.3, 0.0)), ("start_xy_m", (0.1, 0.0)), ("robot", "hexapod"), ("gait", "trot"),
+                        ("duration_s", 3.0), ("friction", 0.5), ("adhesive", ["LF"])):  # fmt: skip
+        with pytest.raises(InvalidInput, match=f"^{name}: expected none with a Walk, which has its own$"):
+            stancekit.walk(asked, **{name: value})
+    with pytest.raises(InvalidInput, match=r"^goal_xy_m: expected where the torso ends"):
+        stancekit.walk(level)
+
+
+def test_the_name_of_before_is_taken_for_a_release():
+    with pytest.warns(DeprecationWarning, match=r"GaitTask is old: stancekit\.Walk"):
+        from stancekit.planners.gait.task import GaitTask
+    assert GaitTask is Walk
