@@ -85,7 +85,8 @@ def plan(
 
     Arguments:
         course: a ``Problem``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
-            YAML or JSON file; one posture problem is a course of one frame. With a start and a goal also a terrain: a
+            YAML or JSON file; one posture problem is a course of one frame, and with ``robot`` its joints are found and
+            bent, too. With a start and a goal also a terrain: a
             mesh, a grid or a cloud in a file, a ground by its name, or what ``terrain`` returned. A ``Leap``, or a file
             of one, is planned by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and
             ``time_limit_s``.
@@ -96,7 +97,8 @@ def plan(
         start_xy_m, goal_xy_m: over a terrain, where the centre of mass begins and ends, shape (2,) [m]; frames, gait
             and candidates are laid out between them.
         frames: number of key frames M, where not the course's own.
-        robot: in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file (extra kin).
+        robot: in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file (extra kin); of a posture
+            problem the robot whose limbs stand, the others being held as it stands.
         body: limits of joints and bodies; a plan that breaks them is bent until it keeps them.
         push_n: horizontal push at the centre of mass, in any direction, that every stance has to bear [N]; a course of
             its own may ask for more. Without one a plan that bears 5 % of the weight is sought, then 2.5 %, and the
@@ -110,7 +112,8 @@ def plan(
     Returns:
         An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every stance and between
         them, as far as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a
-        robot's own legs, for the course in ``problem``; or undecided, also with a plan whose joints cannot do it, whose
+        robot's own legs, for the course in ``problem``, which has the candidates and the tilt limit of one that was
+        laid out already; or undecided, also with a plan whose joints cannot do it, whose
         bodies collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan.
         Of a leap, one with a ``LeapPlan``.
     Raises:
@@ -216,7 +219,12 @@ def _question(
             course = _footholds(course, None if who == "hexapod" else who)
         return laid_between(course, start, goal, robot=who, frames=frames)
     if isinstance(course, Problem) and course.is_posture:
-        course = course.course()
+        if robot is None:
+            course = course.course()
+        else:
+            from stancekit.planners.robot.robot_file import robot_of  # reads files
+
+            course, robot = course.course(robot=robot_of(robot)), None
     if isinstance(course, str | Path):
         name = str(course)
         if is_leap_file(name):

@@ -16,7 +16,6 @@ from stancekit.planners.formats.trajectory_file import is_trajectory
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
-from stancekit.planners.problem.course_json import FORMAT
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.runner.acceptance import Accepted, AcceptedGait
 from stancekit.runner.control.closed_loop import ClosedLoop
@@ -231,7 +230,7 @@ def _json_of(path: str | Path) -> object:
 
 def _is_course(path: str | Path, data: object) -> bool:
     spec = str(path) in builtin_courses() or Path(path).suffix in (".yaml", ".yml")
-    return spec or (isinstance(data, dict) and data.get("format") == FORMAT)
+    return spec or (isinstance(data, dict) and data.get("format") == Problem.FORMAT)
 
 
 def _ground(asked: Accepted | AcceptedGait, settings: RunSettings) -> Terrain:

@@ -19,7 +19,7 @@ from stancekit.cli.main import main as command
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import plan_digest
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course_json import course_from_json
+from stancekit.planners.problem import Problem
 
 Array = NDArray[Any]
 SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
@@ -66,7 +66,7 @@ class Opened:
         verdict = self.head["verdict"]
         self.head["arrays"]["npz"] = _packed(self.arrays)
         with contextlib.suppress(InvalidInput):  # a course that is none is refused without its digest
-            course = course_from_json(self.head["course"])
+            course = Problem.from_json(self.head["course"])
             plan = Plan(problem=course, provenance=self.head["provenance"], **self.arrays)
             verdict["digest"] = plan_digest(plan, verdict["tolerance"], verdict["accepted"], verdict["checked"])
         self.head["sha256"] = _canonical({key: value for key, value in self.head.items() if key != "sha256"})

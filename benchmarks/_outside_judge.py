@@ -13,7 +13,6 @@ from _outside_files import Array, NoForgery, Opened
 from numpy.typing import ArrayLike
 
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.course_json import course_from_json
 
 
 def more(what: str, value: float, limit: float, unit: str) -> str:
@@ -25,7 +24,7 @@ def more(what: str, value: float, limit: float, unit: str) -> str:
 
 def rows_of(plan: Opened) -> list[tuple[int, list[int], Array, list[dict[str, Any]]]]:
     """Of every stance: frame, limbs, which footholds they stand on, and the patches these chose."""
-    course: Problem = course_from_json(plan.head["course"])
+    course: Problem = Problem.from_json(plan.head["course"])
     found = []
     for stance in course.stances:
         limbs = list(stance.limbs)
@@ -86,7 +85,7 @@ def toes_missed(plan: Opened, metres: float) -> str:
     """A foot of the URDF, at the plan's own angles, is farther than this from its toe."""
     model, data, standing = _model(plan.robot["model"])
     rest = pinocchio.centerOfMass(model, data, standing).copy()
-    course = course_from_json(plan.head["course"])
+    course = Problem.from_json(plan.head["course"])
     worst = 0.0
     for frame in range(len(plan.arrays["com_m"])):
         pinocchio.framesForwardKinematics(model, data, configuration(plan, model, standing, rest, frame))

@@ -12,6 +12,8 @@ import _outside_judge as judge
 import numpy as np
 from _outside_files import Opened
 
+from stancekit.planners.problem import Problem
+
 Kind = Callable[[Opened, float, np.random.Generator], str]
 TOLERANCE = 1e-3
 """What the judge lets pass of a toe beside its terrain [m]."""
@@ -88,7 +90,7 @@ def leans(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 def corners(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """Two feet on one wall push against each other along the diagonal of a friction pyramid; both balances stay."""
-    course = judge.course_from_json(plan.head["course"])
+    course = Problem.from_json(plan.head["course"])
     row = int(rng.integers(len(course.stances)))
     limbs = list(course.stances[row].limbs)
     at = course.holds[course.stances[row].frame][limbs]

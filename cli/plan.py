@@ -87,7 +87,8 @@ class PlanCourse:
     --envelope; the one that fits unless named."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
     """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names one (extra kin). Plans
-    use what its legs reach, and joint angles are found for every key frame."""
+    use what its legs reach, and joint angles are found for every key frame. Of one posture's file: the robot whose
+    limbs stand."""
     reach: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Folder of reach polytopes (OBJ, as kinematic planners publish them) in place of the limbs' own reach."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None

@@ -22,6 +22,7 @@ from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from .episodes import check_options, checked_render_mode, checked_seed
+from .margins import margin_info
 from .sampling import MAX_DRAWS
 from .scene_sources import ProblemSource, SceneOptions, SceneSettings
 from .scenes import LabelledScene
@@ -104,7 +105,8 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     ## Info
 
     After a reset and a step (numeric, fixed shapes): ``solves``, ``open``, ``refuted``, ``depth``, ``verdict``
-    (1 feasible, 0 infeasible, −1 open), ``is_success`` (there is a verdict) and the expert's ``label``.
+    (1 feasible, 0 infeasible, −1 open), ``is_success`` (there is a verdict), the expert's ``label``, and ``push_n``,
+    ``support_m``, ``friction_left``, the margins of the posture that was found, as in ``EnvelopeSelectionEnv``.
 
     ## Arguments
 
@@ -115,6 +117,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
     | scenes | None | a source, or a labelled data set's folder, whose part "train" is drawn from |
+    | margins | False | measure the margins in ``info``, some milliseconds per posture |
     | projection | 'fix-toes' | the P2 that is tried at every box |
     | budget | 200 | convex problems an episode |
     | programs | None | compiled models to share with other environments of this process |
@@ -139,7 +142,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         chosen = settings.kind(problem)
         self._count = len(chosen.legs)
         self._projection: Projection = settings.projection
-        self._budget = settings.budget
+        self._budget, self._margins = settings.budget, bool(settings.margins)
         self._programs = settings.programs or Programs()
         self._acceptance = Acceptance()
         self._scenes = settings.source(chosen, self._programs)
@@ -215,6 +218,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         }
 
     def _info(self, search: BoxSearch, scene: LabelledScene) -> dict[str, Any]:
+        found = search.posture if self._margins else None
         verdicts = {Status.FEASIBLE: 1, Status.INFEASIBLE: 0, Status.UNDECIDED: -1}
         return {
             "solves": search.solves,
@@ -224,6 +228,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             "verdict": verdicts[search.verdict],
             "label": int(scene.feasible),
             "is_success": int(search.verdict is not Status.UNDECIDED),
+            **margin_info(found),
         }
 
 

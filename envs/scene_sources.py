@@ -19,12 +19,13 @@ ProblemSource = str | Sampler | SceneKind
 
 
 class SceneOptions(TypedDict, total=False):
-    """Keywords of the environments beside their problem that say where its scenes are from."""
+    """Keywords of the environments beside their problem: where scenes are from, and whether margins are measured."""
 
     robot: str | Path | None
     terrain: str | Path | None
     balanced: bool
     scenes: SceneSource | str | Path | None
+    margins: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +36,7 @@ class SceneSettings:
     terrain: str | Path | None = None
     balanced: bool = True
     scenes: SceneSource | str | Path | None = None
+    margins: bool = False
 
     def __post_init__(self) -> None:
         if self.scenes is not None and not isinstance(self.scenes, str | Path) and not self.balanced:

@@ -18,6 +18,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 
+from .margins import margin_info
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LabelledScene:
@@ -49,6 +51,11 @@ class LabelledScene:
         if self.posture is None:
             return np.zeros((len(self.problem.contacts), 6))
         return self.scaled.point(self.posture)
+
+    @cached_property
+    def margins(self) -> dict[str, float]:
+        """Margins of the witness (``margin_info``), under the keys of ``info``; measured when first asked for."""
+        return margin_info(self.posture, "expert_")
 
     @classmethod
     def of(cls, problem: Problem, outcome: Answer[Plan]) -> LabelledScene:

@@ -72,7 +72,11 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     one), ``margin``, ``gap``, ``log_volume``, ``chosen``, ``project_<way>`` for every projection asked for,
     ``reward_<term>``, the expert's ``expert_point`` (N, 6) (zeros where infeasible) and ``expert_lower_bound``, and
     ``p1_seconds``, ``p2_seconds``, ``expert_seconds``, which stay 0 unless ``timing``: a clock in ``info`` would make
-    equal episodes differ. After a reset all but the label and the expert's is 0.
+    equal episodes differ. ``push_n`` (largest horizontal push at the body that is borne in every direction),
+    ``support_m`` (distance from the centre of mass to the border of support) and ``friction_left`` (share of the
+    friction that is not needed) are margins of the posture that was projected, ``expert_push_n``, ... of the expert's;
+    they stay 0 unless ``margins``, and where there is no posture. After a reset all but the label and the expert's is
+    0.
 
     ## Arguments
 
@@ -83,6 +87,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
     | scenes | None | a source that replaces ``problem``'s and ``balanced``, or a data set's folder, see above |
+    | margins | False | measure the margins in ``info``, some milliseconds per posture |
     | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
     | relaxation | 'p1' | 'coned': with friction cones; 'joint': linked with the lift, over one box; "FILE.py:NAME" |

@@ -28,6 +28,7 @@ from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.verify import check_postures
 
+from .margins import margin_info
 from .reward import USUAL, Judged, RewardWeights, Term, weighted
 from .scene_sources import ProblemSource, SceneOptions, SceneSettings
 from .scenes import LabelledScene
@@ -129,14 +130,16 @@ class SelectionTask:
         self._relaxation = RELAXATIONS.get(settings.relaxation)
         self._projections = tuple(settings.projections)
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
+        self._unmeasured = margin_info(None) | margin_info(None, "expert_")
         self._nothing: dict[str, Any] = {
             "label": 0, "p1_feasible": 0, "p1_right": 0, "is_success": 0, "margin": 0.0, "gap": 0.0, "log_volume": 0.0,
             "chosen": 0, **dict.fromkeys(self._keys.values(), 0), **dict.fromkeys(settings.rewards, 0.0),
+            **self._unmeasured,
             "expert_point": None, "expert_lower_bound": 0.0, "p1_seconds": 0.0,
             "p2_seconds": 0.0, "expert_seconds": 0.0,
         }  # fmt: skip
         self._terms = settings.rewards
-        self._timing = bool(settings.timing)
+        self._timing, self._margins = bool(settings.timing), bool(settings.margins)
         self._programs = Programs(engine="rows" if settings.backend == "clarabel" else settings.backend)
         self.scenes = settings.source(chosen, self._programs)
         self.observation_space = scene_space(self._count)
@@ -239,6 +242,7 @@ class SelectionTask:
         reached = self._projections[0] in trial.postures
         judged = Judged(scene=scene, answer=answer, envelope=envelope, right=right, reached=reached)
         terms = {key: weight * float(term(judged)) for key, (weight, term) in self._terms.items()}
+        posture = next((trial.postures[way] for way in self._projections if way in trial.postures), None)
         clock = self._timing
         info = {
             "label": int(scene.feasible),
@@ -251,24 +255,30 @@ class SelectionTask:
             "chosen": int(answer.chosen),
             **{self._keys[way]: int(way in trial.postures) for way in self._projections},
             **terms,
+            **self._margins_of(scene, posture),
             "expert_point": scene.point.copy(),
             "expert_lower_bound": float(scene.lower_bound),
             "p1_seconds": trial.p1_seconds if clock else 0.0,
             "p2_seconds": trial.p2_seconds if clock else 0.0,
             "expert_seconds": scene.expert_seconds if clock else 0.0,
         }
-        posture = next((trial.postures[way] for way in self._projections if way in trial.postures), None)
         return Verdict(reward=float(sum(terms.values())), info=info, posture=posture, envelope=envelope)
 
     def before(self, scene: LabelledScene) -> dict[str, Any]:
         """The info of a scene before any action: what the expert knows, and 0 for all that an action comes to."""
+        expert = scene.margins if self._margins else {}
         return {
             **self._nothing,
+            **expert,
             "label": int(scene.feasible),
             "expert_point": scene.point.copy(),
             "expert_lower_bound": float(scene.lower_bound),
             "expert_seconds": scene.expert_seconds if self._timing else 0.0,
         }
+
+    def _margins_of(self, scene: LabelledScene, posture: Plan | None) -> dict[str, float]:
+        """The margins of a posture that was found and of the expert's, where they are asked for."""
+        return margin_info(posture) | scene.margins if self._margins else self._unmeasured
 
 
 def _numbers(action: Any) -> Array:

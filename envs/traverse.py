@@ -23,6 +23,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 from .episodes import check_options, checked_render_mode, checked_seed
+from .margins import margin_info
 from .traverse_setup import (
     Courses,
     TraverseOptions,
@@ -97,7 +98,10 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     ``executed`` (1 done, 0 failed, −1 not tried), ``is_success`` (at the last frame, no execution failed), ``frame``,
     ``solves``, ``progress_m``, ``objective``, ``residual``,
     ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of the terrain under each coming frame, −1 where
-    unknown; ``reward_<term>``; and ``plan_seconds``, ``compile_seconds``, which stay 0 unless ``timing``.
+    unknown; ``reward_<term>``; ``plan_seconds``, ``compile_seconds``, which stay 0 unless ``timing``; and of the
+    window's stances the least ``push_n`` (horizontal push at the body that is borne in every direction), ``support_m``
+    (distance from the centre of mass to the border of support) and ``friction_left`` (share of the friction that is not
+    needed), which stay 0 unless ``margins``, and where there is no plan.
 
     ## Arguments
 
@@ -119,6 +123,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | executor | None | plays the plan of every window on a world, each from a standing start |
     | programs | None | compiled models to share with other environments of this process |
     | timing | False | put seconds into ``info`` and the reward |
+    | margins | False | measure the margins in ``info``, some milliseconds per stance |
     | render_mode | None | "rgb_array" |
 
     ``envelopes`` is a list of envelopes, several sets of them for different legs, modes, selectors (what ``fit``
@@ -152,6 +157,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self._start, self._executor = TwoStageCoursePlanner(programs=programs), settings.executor
         self._horizon, self._weights = settings.horizon, settings.rewards
         self._patience, self._timing = settings.patience, bool(settings.timing)
+        self._margins = bool(settings.margins)
         self._course: Problem | None = None
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
@@ -255,6 +261,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             "reward_effort": -weights.solve * solves - weights.second * seconds,
             "plan_seconds": seconds,
             "compile_seconds": 0.0 if outcome is None else clock * outcome.effort.compile_s,
+            **margin_info(tried.plan if self._margins else None),
         }
 
 

@@ -104,6 +104,7 @@ class TraverseOptions(TypedDict, total=False):
     executor: Executor | None
     programs: Programs | None
     timing: bool
+    margins: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,6 +126,7 @@ class TraverseSettings:
     executor: Executor | None = None
     programs: Programs | None = None
     timing: bool = False
+    margins: bool = False
 
     def __post_init__(self) -> None:
         for name, least in LEAST.items():

@@ -20,7 +20,6 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
-from stancekit.planners.problem.wrench import wrench_between
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
@@ -209,7 +208,7 @@ class Runner:
         if self.settings.wrench is not None:
             wrench = np.array(self.settings.wrench)
         elif self._prepared is not None and isinstance(self._prepared.motion, PlanMotion):
-            wrench = wrench_between(self._prepared.motion.plan.problem, frame)
+            wrench = self._prepared.motion.plan.problem.wrench_at(frame)
         if wrench is not None:
             self.world.carry(wrench)
         return wrench

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from ..cached import cached_property
 from ..problem import Problem
-from ..problem.course_json import course_to_json
 from ..robot.urdf import joint_names
 from .certificate import Certificate
 from .hindrance import plan_hindrance, walk_hindrance
@@ -456,7 +455,7 @@ def plan_digest(plan: Plan, tolerance: float, accepted: bool, checked: Sequence[
     """
     numbers = {name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()}
     more = {} if tuple(checked) == ("contacts",) else {"checked": list(checked)}
-    return _digest({"course": course_to_json(plan.problem), "plan": numbers, **more}, tolerance, accepted)
+    return _digest({"course": plan.problem.to_json(), "plan": numbers, **more}, tolerance, accepted)
 
 
 def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:

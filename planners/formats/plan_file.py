@@ -28,7 +28,6 @@ from ..files.validation import shown
 from ..files.writing import check_writable, write_text
 from ..problem import Problem
 from ..problem.course_comparison import course_difference
-from ..problem.course_json import course_from_json, course_to_json
 from ..robot.servo import Servo
 from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
@@ -79,7 +78,7 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
         "verified": report.accepted,
         "verdict": report.to_json(),
         "provenance": dict(plan.provenance),
-        "course": course_to_json(plan.problem),
+        "course": plan.problem.to_json(),
         "arrays": {
             "npz": embedded({name: array for name, array in plan_arrays(plan).items() if array is not None}),
             **({} if plan.joints_rad is None else {"joints": list(joint_names(plan.problem.robot))}),
@@ -115,7 +114,7 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
         content = extracted(header["arrays"]["npz"], str(numbers_path))
     numbers = unpacked(content, str(numbers_path))
     try:
-        course = course_from_json(header["course"])
+        course = Problem.from_json(header["course"])
     except InvalidInput as error:
         raise InvalidInput(f"{header_path}: course: {error}") from None
     written, course = course, _of_joints(course) if "joints_rad" in numbers else course

@@ -16,7 +16,6 @@ from ..files.arrays import Array, plain_numbers
 from ..files.documents import read_json
 from ..files.writing import write_text
 from ..problem import Problem
-from ..problem.course_json import course_from_json
 from ..problem.leap import Leap
 from ..problem.posture import FORMAT as POSTURE
 from ..verify import check_certificate, explain
@@ -53,9 +52,9 @@ def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
     if set(data) != set(keys):
         names = ", ".join(sorted(set(data) ^ set(keys)))
         raise InvalidInput(f"{path}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}")
-    message, subject = data[key], Problem.from_json if _is_posture(data[key]) else course_from_json
+    message = data[key]
     try:
-        found = subject(message)
+        found = Problem.from_json(message)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {key}: {error}") from None
     try:

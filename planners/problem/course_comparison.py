@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from ..files.comparison import first_difference
 from ..robot.model_json import robot_numbers
-from .course_json import course_to_json
 from .problem import Problem
 
 
@@ -15,7 +14,7 @@ def course_difference(course: Problem, expected: Problem) -> str:
     terrain in any case.
     """
     said, asked = (
-        {name: value for name, value in course_to_json(each).items() if name not in ("name", "weights", "modes")}
+        {name: value for name, value in each.to_json().items() if name not in ("name", "weights", "modes")}
         for each in (course, expected)
     )
     for each in (said, asked):

@@ -16,7 +16,6 @@ from ..plugins import split_name
 from ..robot.model import Robot
 from ..terrain.families import TERRAIN_FAMILIES, drawn_name
 from .alternatives import AS_ASKED, Alternative
-from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
 from .course_layout import build_course
 from .family_scene import family_keys
@@ -40,8 +39,8 @@ def read_course(
     A YAML file with surfaces is a published scene (``scene_keys``).
 
     frames: M, where another one is wanted than the file says; not for JSON files, whose footholds are fixed. robot: in
-    place of the file's, a built-in name, a .urdf file or a .yaml file that names one, or a ``Robot``; not for JSON
-    files either.
+    place of the file's, a built-in name, a .urdf file or a .yaml file that names one, or a ``Robot``; of a posture's
+    JSON file the robot whose limbs stand, and not for other JSON files.
     sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs. reach: a
     folder of reach polytopes for the limbs, in place of their own (``robot.reach_file``); not for JSON files.
     alternative: another way to lay out a YAML file.
@@ -50,15 +49,16 @@ def read_course(
     if Path(course).suffix == ".json":
         if frames is not None:
             raise InvalidInput(f"{course}: expected no other number of frames for a course whose footholds are fixed")
-        if robot is not None:
-            raise InvalidInput(f"{course}: expected no other robot for a course whose footholds are fixed")
         if reach is not None:
             raise InvalidInput(f"{course}: expected no other reach for a course whose footholds are fixed")
         data = read_json(course)
+        posture = isinstance(data, Mapping) and data.get("format") == POSTURE
+        if robot is not None and not posture:
+            raise InvalidInput(f"{course}: expected no other robot for a course whose footholds are fixed")
         try:
-            if isinstance(data, Mapping) and data.get("format") == POSTURE:
-                return Problem.from_json(data).course(Path(course).stem)
-            return course_from_json(data)
+            if posture:
+                return Problem.from_json(data).course(Path(course).stem, None if robot is None else _robot(robot))
+            return Problem.from_json(data)
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
     data = described(course)
@@ -74,6 +74,13 @@ def read_course(
         return build_course(spec, Path(course).parent, sets, reach, alternative)
     except InvalidInput as error:
         raise type(error)(f"{course}: {error}") from None
+
+
+def _robot(robot: Robot | str) -> Robot:
+    """A robot by its name. Raises InvalidInput."""
+    from ..robot.robot_file import robot_of  # loads pinocchio for a file
+
+    return robot_of(robot)
 
 
 def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpec:

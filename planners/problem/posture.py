@@ -1,17 +1,14 @@
-"""Posture problems (paper E §II), the currency of contact planning, in their JSON form ``stancekit/posture/1``."""
+"""Posture problems (paper E §II), the currency of contact planning: their numbers, and the keys of their files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 
-from ..files.arrays import Array, checked, checked_choice, collect_errors, read_only
-from ..files.codec import LATER, Within, fields_to_json, from_json
-from ..robot.model import Robot, hexapod
+from ..files.arrays import Array, checked, collect_errors, read_only
+from ..files.codec import LATER, Within
 from .contact import Contact
 from .wrench import checked_wrench
 
@@ -34,8 +31,8 @@ Positive = Annotated[float, Within(above=0.0)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _PostureKeys:
-    """The keys of a posture problem, see ``Problem.posture``."""
+class PostureKeys:
+    """The keys of ``stancekit/posture/1``, see ``Problem.posture``."""
 
     FORMAT: ClassVar = FORMAT
 
@@ -49,38 +46,6 @@ class _PostureKeys:
     robot: str = field(default="", metadata=LATER)
     wrench: Array | None = field(default=None, metadata=LATER)
     contacts: tuple[Contact, ...]
-
-
-def posture_to_json(problem: Problem) -> dict[str, Any]:
-    """The JSON form of a problem of one frame; ``posture_from_json`` gives it back to the last bit."""
-    keys = _PostureKeys(
-        com_nominal_m=problem.com_nominal_m[0],
-        com_radius_m=float(problem.com_radius_m[0]),
-        robot=problem.robot.identity,
-        wrench=None if problem.wrench is None else problem.wrench[0],
-        contacts=problem.contacts,
-        **{name: getattr(problem, name) for name in BODY if not name.startswith("com_")},
-    )
-    return fields_to_json(keys)
-
-
-def posture_from_json(data: Mapping[str, Any], *, robot: Robot | None = None) -> Problem:
-    """Read the JSON form; legs must be limbs of ``robot``, by default of the one that it names, or the hexapod's.
-
-    Raises InvalidInput whose message lists every key that is wrong, separated by "; ".
-    """
-    from .problem import Problem
-
-    keys = from_json(_PostureKeys, data)
-    known = robot or (None if keys.robot else hexapod())
-    if known is not None:
-        collect_errors(
-            *(
-                partial(checked_choice, contact.leg, f"contacts[{index}].leg", known.limb_names)
-                for index, contact in enumerate(keys.contacts)
-            )
-        )
-    return Problem.posture(**vars(keys))
 
 
 def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -21,11 +21,20 @@ from numpy.typing import NDArray
 
 from ..cached import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_int, checked_members, collect_errors, locked, read_only
-from ..files.codec import LATER
+from ..files.arrays import (
+    Array,
+    checked,
+    checked_choice,
+    checked_int,
+    checked_members,
+    collect_errors,
+    locked,
+    read_only,
+)
+from ..files.codec import LATER, fields_to_json, from_json
 from ..files.validation import shown
 from ..physics import GRAVITY_M_S2
-from ..robot.model import Limb, Robot
+from ..robot.model import Limb, Robot, hexapod
 from ..terrain.patch import Patch
 from ..terrain.sole import sole_offsets, sole_region
 from .contact import Contact
@@ -33,7 +42,7 @@ from .foothold import Foothold as Foothold
 from .foothold import Stance as Stance
 from .limits import StepLimits as StepLimits
 from .limits import Weights as Weights
-from .posture import BODY, TILT_LIMIT_RAD, checked_body, posture_from_json, posture_to_json
+from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
 from .wrench import checked_wrench
 
 Value = TypeVar("Value")
@@ -216,11 +225,20 @@ class Problem:
         same["wrench"] = None if self.wrench is None else self.wrench[0]
         return Problem.posture(**{"contacts": self.contacts, "robot": self.robot.identity, **same, **changes})
 
-    def course(self, name: str = "posture") -> Problem:
+    def course(self, name: str = "posture", robot: Robot | None = None) -> Problem:
         """A posture problem as a course of one frame, any plan of which is as good as another.
 
         It is in units of the weight, as files of courses are.
+
+        Arguments:
+            name: of the course.
+            robot: whose limbs stand, in the order of its own limbs; joints and bodies of its plans are then known, of
+                these limbs (``robot.some_legs``). None where the reach of the limbs is all that is to be known.
+        Raises:
+            InvalidInput: for a robot that has not these limbs, or whose legs are not known.
         """
+        if robot is not None:
+            return self._on(robot, name)
         scale = self.force_n / self.weight_n
         low, high = (scale * bounds for bounds in self.force_bounds)
         footholds = self.footholds
@@ -238,16 +256,35 @@ class Problem:
             weights=nothing,
         )  # fmt: skip
 
+    def _on(self, robot: Robot, name: str) -> Problem:
+        """``course`` of this robot."""
+        from ..robot.some_legs import on_limbs  # loads pinocchio
+
+        own = self.robot.identity
+        if own != robot.identity:
+            wanted, came = own or "the default hexapod", robot.identity or robot.name
+            raise InvalidInput(f"robot: expected {wanted}, whose limbs the posture is of, got {came}")
+        robot.select(self.legs)
+        contacts = sorted(self.contacts, key=lambda contact: robot.limb_names.index(contact.leg))
+        course = self.posture_with(contacts=contacts).course(name)
+        return replace(course, robot=on_limbs(robot, course.robot.limbs, self.mass_kg))
+
     def to_json(self) -> dict[str, Any]:
         """Return the problem in its JSON form, ``stancekit/posture/1`` or ``stancekit/course/1``.
 
         ``from_json`` gives it back to the last bit.
         """
-        if self.is_posture:
-            return posture_to_json(self)
-        from .course_json import course_to_json  # of courses alone
-
-        return course_to_json(self)
+        if not self.is_posture:
+            return fields_to_json(self, ("force_scale_n",) if self.force_n == self.weight_n else ())
+        keys = PostureKeys(
+            com_nominal_m=self.com_nominal_m[0],
+            com_radius_m=float(self.com_radius_m[0]),
+            robot=self.robot.identity,
+            wrench=None if self.wrench is None else self.wrench[0],
+            contacts=self.contacts,
+            **{name: getattr(self, name) for name in BODY if not name.startswith("com_")},
+        )
+        return fields_to_json(keys)
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any], *, robot: Robot | None = None) -> Problem:
@@ -256,11 +293,20 @@ class Problem:
         robot: of a posture problem, whose limbs the legs must be; None for the robot that it names, or the hexapod.
         Raises InvalidInput whose message lists every key that is wrong, separated by "; ".
         """
-        from .course_json import FORMAT, course_from_json  # of courses alone
-
-        if isinstance(data, Mapping) and data.get("format") == FORMAT:
-            return course_from_json(data)
-        return posture_from_json(data, robot=robot)
+        if not isinstance(data, Mapping):
+            forms = f"{PostureKeys.FORMAT!r} or {cls.FORMAT!r}"
+            raise InvalidInput(f"expected a JSON object with format {forms}, got {type(data).__name__}")
+        if str(data.get("format")).startswith("stancekit/course/"):
+            course = from_json(cls, data)
+            if course.weights is None:
+                raise InvalidInput("weights: expected those of an objective, got none")
+            return course
+        keys = from_json(PostureKeys, data)
+        known = robot or (None if keys.robot else hexapod())
+        if known is not None:
+            legs = [(contact.leg, f"contacts[{index}].leg") for index, contact in enumerate(keys.contacts)]
+            collect_errors(*(partial(checked_choice, leg, where, known.limb_names) for leg, where in legs))
+        return cls.posture(**vars(keys))
 
     @property
     def is_posture(self) -> bool:
@@ -443,6 +489,25 @@ class Problem:
                 )
             )  # fmt: skip
         return tuple(contacts)
+
+    def wrench_at(self, frame: float) -> Array | None:
+        """The wrench at a key frame or between two, where it goes over from one to the other, shape (6,); None for
+        none."""
+        if self.wrench is None:
+            return None
+        before = min(int(frame), self.frames - 1)
+        after, share = min(before + 1, self.frames - 1), frame - before
+        return np.asarray((1.0 - share) * self.wrench[before] + share * self.wrench[after])
+
+    def loaded(self, wrench: Array | None) -> Problem:
+        """The problem with a wrench on every frame, beside those that it has.
+
+        wrench: shape (6,), or None for the problem as it is.
+        """
+        if wrench is None or not wrench.any():
+            return self
+        own = np.zeros((self.frames, 6)) if self.wrench is None else self.wrench
+        return replace(self, wrench=own + wrench)
 
     def with_choice(self, choice: Sequence[int] | NDArray[np.int_]) -> Problem:
         """The course with one candidate a foothold."""

@@ -9,17 +9,12 @@ frames holds all the way between.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross, read_only
-
-if TYPE_CHECKING:
-    from .problem import Problem
 
 MOST_WEIGHTS = 100.0
 """No posture bears a force of so many times the weight, nor such a moment at an arm of the length scale."""
@@ -73,23 +68,3 @@ def at_point(force_n: ArrayLike, moment_nm: ArrayLike, at_m: ArrayLike) -> Array
     force = np.asarray(force_n, dtype=np.float64)
     moment = np.asarray(moment_nm, dtype=np.float64) + cross(np.asarray(at_m, dtype=np.float64), force)
     return np.concatenate([force, moment])
-
-
-def wrench_between(course: Problem, frame: float) -> Array | None:
-    """The wrench at a key frame or between two, where it goes over from one to the other, shape (6,); None for none."""
-    if course.wrench is None:
-        return None
-    before = min(int(frame), course.frames - 1)
-    after, share = min(before + 1, course.frames - 1), frame - before
-    return np.asarray((1.0 - share) * course.wrench[before] + share * course.wrench[after])
-
-
-def loaded(course: Problem, wrench: Array | None) -> Problem:
-    """The course with a wrench on every frame, beside those that it has.
-
-    wrench: shape (6,), or None for the course as it is.
-    """
-    if wrench is None or not wrench.any():
-        return course
-    own = np.zeros((course.frames, 6)) if course.wrench is None else course.wrench
-    return replace(course, wrench=own + wrench)

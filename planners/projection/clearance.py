@@ -7,6 +7,9 @@ change of the body's place and a small turn, a point of a leg whose joints are q
 
 since its foot f is held at its toe, or on its swing: J⁺ is the pseudo-inverse of the foot's Jacobian, N = I − J⁺J, and
 q̃ the joints of the key frames that the moment is between, as the body is: every number is of key frames and toes.
+
+A foot that stays at x, short of its place f on its path since no joint goes any further, has n from x to f: what is
+missing, n·(f − x), changes by n·(δf − δc − δ × (x − c)), as all that a leg reaches goes with the body.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from ..equilibrium.rows import Rows
 from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..motion.joints import JointPath, PathPostures, path_bodies
+from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
 from ..motion.path import PathMoments, PlanPath
 from ..robot.bodies import Bodies
 from ..robot.kinematics import Kinematics
@@ -48,11 +51,11 @@ CLEAR_PRICE = 20.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nearness:
-    """K pairs of bodies that are near at some moment of a path.
+    """K pairs of bodies that are near at some moment of a path, and feet that stay from it.
 
-    distance_m: shape (K,), negative inside. slopes: of the distances, in metres a metre or radian, in the numbers of M
-    key frames and P toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m]. astray_m: how far feet stay
-    from their path.
+    distance_m: shape (K,), negative inside, and of a foot by how much it stays. slopes: of the distances, in metres a
+    metre or radian, in the numbers of M key frames and P toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J),
+    p (P, 3) [m]. astray_m: how far feet stay from their path.
     """
 
     distance_m: Array
@@ -98,9 +101,13 @@ class PathClearance:
             for leg in range(-1, len(self._solver.model.legs)):
                 of = np.flatnonzero(its[:, 0] == leg)
                 slopes.add(leg, rows[of], times[of], its[of, 1], points[of], push[of])
+        feet = _astray(moments, postures)
+        for row, (t, leg) in enumerate(feet, len(near)):
+            slopes.add_foot(leg, np.array([row]), np.array([t]))
+        missed = [-float(postures.error_m[t, leg]) for t, leg in feet]
         return Nearness(
-            distance_m=np.array([each.distance_m for _, each in near]), slopes=slopes.matrix(len(near)),
-            astray_m=float(postures.error_m.max()),
+            distance_m=np.array([*(each.distance_m for _, each in near), *missed]),
+            slopes=slopes.matrix(len(near) + len(feet)), astray_m=float(postures.error_m.max()),
         )  # fmt: skip
 
 
@@ -115,6 +122,16 @@ def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int
         least = (distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])
         found += [run[k] for k in np.flatnonzero(least | (distance[1:-1] < clearance_m))]
     return sorted(found, key=lambda each: each[0])
+
+
+def _astray(moments: PathMoments, postures: PathPostures) -> list[tuple[int, int]]:
+    """Of every limb that stays from its path in a step, the moment at which it does most, and the limb."""
+    worst = dict[tuple[int, int], int]()
+    for t, limb in np.argwhere(postures.error_m > STRAY_M).tolist():
+        key = int(moments.step[t]), limb
+        if key not in worst or postures.error_m[t, limb] > postures.error_m[worst[key], limb]:
+            worst[key] = t
+    return [(t, limb) for (_, limb), t in worst.items()]
 
 
 def keep_clear(rows: Rows[Any], columns: Sequence[Index | None], at: Given, near: Nearness, clearance_m: float) -> None:
@@ -196,6 +213,19 @@ class _Slopes:
         by_turn = cross(points - self._moments.com_m[times], push) - cross(feet - self._moments.com_m[times], held)
         self._body(0, rows, times, push - held)
         self._body(self._sizes[0], rows, times, np.einsum("ki,kij->kj", by_turn, self._turns[times]))
+
+    def add_foot(self, leg: int, rows: Index, times: Index) -> None:
+        """A leg's foot that stays from its path: less where the body goes to its place, or its place to the body."""
+        moments, postures = self._moments, self._postures
+        its, chain = self._solver.joints_of(leg), self._solver.model.legs[leg].chain
+        feet = chain.feet(postures.angles[np.ix_(times, its)])
+        feet = postures.origins_m[times] + np.einsum("kij,kj->ki", postures.rotations[times], feet)
+        push = moments.feet_m[times, leg] - feet
+        push = push / np.linalg.norm(push, axis=1, keepdims=True)
+        by_turn = cross(feet - moments.com_m[times], push)
+        self._body(0, rows, times, push)
+        self._body(self._sizes[0], rows, times, np.einsum("ki,kij->kj", by_turn, self._turns[times]))
+        self._toes(leg, rows, times, -push)
 
     def _leg(
         self, leg: int, rows: Index, times: Index, joints: Index, points: Array, push: Array

@@ -19,7 +19,6 @@ from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.alternatives import AS_ASKED, Alternative
 from ..problem.candidates import NoPlace
-from ..problem.wrench import loaded
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
@@ -106,8 +105,8 @@ def _loaded(question: Problem | LayOut, wrench: Array | None) -> Problem | LayOu
     if wrench is None:
         return question
     if not callable(question):
-        return loaded(question, wrench)
-    return lambda sets, alternative: loaded(question(sets, alternative), wrench)
+        return question.loaded(wrench)
+    return lambda sets, alternative: question(sets, alternative).loaded(wrench)
 
 
 def _laid_out(

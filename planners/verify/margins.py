@@ -209,17 +209,23 @@ def verdict_yields_m(plan: Plan) -> float:
     return YIELDS * float(np.mean([limb.reach_m for limb in plan.problem.robot.limbs]))
 
 
+def least_margins(plan: Plan) -> dict[str, StanceMargin]:
+    """The margin of the stance that bears least, under each of "push_n", "support_m" and "friction_left"; the push is
+    one that moves the body."""
+    margins = stance_margins(plan, yields_m=verdict_yields_m(plan))
+    return {
+        name: min(margins, key=lambda margin: getattr(margin, name))
+        for name in ("push_n", "support_m", "friction_left")
+    }
+
+
 def margin_group(plan: Plan) -> Group:
     """The verifier's word on margins: the least of each over all stances, and where it is.
 
     It is violated where the course asks for a push that some stance does not balance, the body where it is: that is
     what is planned. The push that is reported is one that moves the body.
     """
-    margins = stance_margins(plan, yields_m=verdict_yields_m(plan))
-    least = {
-        name: min(margins, key=lambda margin: getattr(margin, name))
-        for name in ("push_n", "support_m", "friction_left")
-    }
+    least = least_margins(plan)
     figures: dict[str, Any] = {}
     for name, margin in least.items():
         figures |= {name: getattr(margin, name), f"{name.rpartition('_')[0]}_frame": margin.frame}

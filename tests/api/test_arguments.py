@@ -102,7 +102,7 @@ def test_a_plan_is_for_another_robot_where_one_is_named(tmp_path):
     with pytest.raises(stancekit.InvalidInput, match=r"none.urdf: expected a file, found nothing there$"):
         stancekit.plan("walls", robot=tmp_path / "none.urdf")
     with pytest.raises(stancekit.InvalidInput, match=r"^robot: expected none with a course that is laid out, got hexa"):
-        stancekit.plan(stancekit.sample("ground-3", rng=3)[0], robot="hexapod")
+        stancekit.plan(stancekit.sample("ground-3", rng=3)[0].course(), robot="hexapod")
     assert stancekit.plan("stairs", frames=2, robot="hexapod").solution is not None
 
 

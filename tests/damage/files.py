@@ -29,7 +29,6 @@ from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.formats.proof_file import write_proof
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.problem.course_file import read_course, spec_from
-from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.robot import hexapod
@@ -86,7 +85,7 @@ def _plans(folder: Path) -> None:
     spec = yaml.safe_load((config_path("courses/walls.yaml")).read_text()) | {"frames": 1}
     (folder / "course.yaml").write_text(yaml.safe_dump(spec))
     course = read_course(folder / "course.yaml")
-    (folder / "course.json").write_text(json.dumps(course_to_json(course)))
+    (folder / "course.json").write_text(json.dumps(course.to_json()))
     plan = TwoStageCoursePlanner().solve(read_course(folder / "course.yaml", 2)).solution
     assert plan is not None
     write_plan(folder / "plan.json", plan, check_plan(plan))

@@ -133,6 +133,22 @@ def test_episodes_end_with_the_experts_verdict_or_at_the_budget(env):
     assert any(ends)
 
 
+def test_margins_of_the_posture_that_ends_an_episode_are_told_when_asked_for():
+    env, found = EnvelopeRefinementEnv(projection="fix-p", budget=60, margins=True), 0
+    for seed in range(6):
+        seen, info = env.reset(seed=seed)
+        ended = False
+        while not ended:
+            assert (info["push_n"], info["support_m"], info["friction_left"]) == (0.0, 0.0, 0.0)
+            seen, _, over, cut_off, info = env.step(np.int64(LargestGap().predict(seen)[0]))
+            ended = over or cut_off
+        feasible = info["verdict"] == 1
+        assert (info["push_n"] > 0.0) == (info["support_m"] > 0.0) == feasible
+        assert 0.0 <= info["friction_left"] < 1.0
+        found += feasible
+    assert found
+
+
 def test_a_seed_gives_the_same_episode_to_the_last_bit(env):
     def played():
         rows = [env.reset(seed=5)]

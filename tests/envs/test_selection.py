@@ -1,6 +1,7 @@
 """Every registered environment keeps Gymnasium's contract; EnvelopeSelection-v0 judges as the planners do."""
 
 import warnings
+from dataclasses import replace
 from importlib import import_module
 
 import gymnasium
@@ -20,6 +21,7 @@ from stancekit.envs.selection_task import VERTICES
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.verify import check_plan
 
 SLOW = {"stancekit/WarpedGait-v0"}  # a step solves a walk: its contract, on short walks, is in test_gait.py
 ENVS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/") and name not in SLOW)
@@ -217,6 +219,7 @@ def test_info_has_these_keys(selection):
         *("label", "p1_feasible", "p1_right", "is_success", "margin", "gap", "log_volume", "chosen"),
         *("project_fix_p", "project_fix_f", "project_fix_toes", "project_scp"),
         *("reward_agreement", "reward_projection", "reward_tightness"),
+        *("push_n", "support_m", "friction_left", "expert_push_n", "expert_support_m", "expert_friction_left"),
         *("expert_point", "expert_lower_bound", "p1_seconds", "p2_seconds", "expert_seconds"),
     ]
     assert info["expert_point"].shape == (3, 6)
@@ -317,6 +320,25 @@ def test_timing_is_told_when_asked_for(scenes):
     info = env.step(DOMAIN)[4]
     assert 0.0 < info["p1_seconds"] < 60.0
     assert info["expert_seconds"] == scenes[0].expert_seconds > 0.0
+
+
+def test_margins_are_those_of_the_verifier_and_told_when_asked_for(scenes):
+    names, looked = ("push_n", "support_m", "friction_left"), 0
+    env = EnvelopeSelectionEnv(scenes=ListedScenes(scenes), margins=True)
+    for scene in scenes:
+        before = env.reset()[1]
+        info = env.step(DOMAIN)[4]
+        assert list(before) == list(info)
+        if scene.posture is None:
+            assert not any(info[name] or info[f"expert_{name}"] for name in names)
+            continue
+        plan = replace(scene.posture, problem=scene.problem.course())
+        group = check_plan(plan, margins=True).group("margin")
+        assert [info[f"expert_{name}"] for name in names] == pytest.approx([group.figures[name] for name in names])
+        assert [before[f"expert_{name}"] for name in names] == [info[f"expert_{name}"] for name in names]
+        assert bool(info["support_m"]) <= info["project_fix_p"]
+        looked += info["project_fix_p"]
+    assert looked
 
 
 def test_natural_scenes_come_as_they_are_drawn():

@@ -23,6 +23,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.margins import stance_margins, verdict_yields_m
 
 PROGRAMS = Programs()
 LIFT, WALKING, CLIMBING = 0, 1, 2
@@ -185,6 +186,20 @@ def test_clocks_are_seen_only_when_asked_for():
         weights = TraverseWeights()
         assert (info["plan_seconds"], info["compile_seconds"]) == ((1.5, 4.0) if timing else (0.0, 0.0))
         assert reward == pytest.approx(-weights.failure - 7 * weights.solve - weights.second * 1.5 * timing)
+
+
+def test_margins_of_a_window_are_told_when_asked_for():
+    for margins in (False, True):
+        env = made("walls", margins=margins)
+        before, info = (step[-1] for step in played(env, 0, [LIFT]))
+        assert info["feasible"] == 1
+        assert (before["push_n"], before["support_m"], before["friction_left"]) == (0.0, 0.0, 0.0)
+        found = info["push_n"], info["support_m"], info["friction_left"]
+        plan = env._walked[-1]
+        measured = stance_margins(plan, yields_m=verdict_yields_m(plan))
+        least = [min(getattr(margin, name) for margin in measured) for name in ("push_n", "support_m", "friction_left")]
+        assert found == (tuple(least) if margins else (0.0, 0.0, 0.0))
+        assert min(least) > 0.0
 
 
 def test_a_window_without_a_plan_by_proof_ends_the_episode():

@@ -11,7 +11,6 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.robot.contact_robot import Sets
 from stancekit.planners.terrain.patch import Patch
 
@@ -120,7 +119,7 @@ class FixedScenario:
 
     def text(self) -> tuple[str, str]:
         """The JSON form, which has every foothold."""
-        return ".json", json.dumps(course_to_json(self.course()), indent=1) + "\n"
+        return ".json", json.dumps(self.course().to_json(), indent=1) + "\n"
 
 
 def _is_piece(patch: Patch, surface: Patch) -> bool:

@@ -12,12 +12,11 @@ from stancekit.envs.distributions.courses import grips, icy_walls, perturbed
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import builtin_courses, read_course, read_spec, spec_from
-from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.search.methods import PlannerOptions, make_planner
 
 
 def text(course):
-    return json.dumps(course_to_json(course))
+    return json.dumps(course.to_json())
 
 
 @pytest.mark.parametrize("name", builtin_courses())

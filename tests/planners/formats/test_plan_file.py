@@ -16,7 +16,6 @@ import pytest
 from stancekit.planners.answer.report import plan_arrays, plan_digest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, is_plan_file, read_plan, write_plan
-from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.verify import check_plan
 
 
@@ -81,7 +80,7 @@ def test_a_plan_is_the_same_to_the_last_bit_when_read_back(written):
     again, header = read_plan(path)
     for name, array in plan_arrays(plan).items():
         assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
-    assert course_to_json(again.problem) == course_to_json(plan.problem)
+    assert again.problem.to_json() == plan.problem.to_json()
     assert again.provenance == plan.provenance
     assert (header["format"], header["verified"]) == ("stancekit/plan/3", True)
     assert header["verdict"]["digest"] == check_plan(again).digest

@@ -11,7 +11,6 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate
@@ -36,7 +35,7 @@ def changed(path, **parts):
 
 def test_a_proof_is_the_same_to_the_last_bit_when_read_back(proved, written):
     course, certificate = read_proof(written)
-    assert course_to_json(course) == course_to_json(proved[0])
+    assert course.to_json() == proved[0].to_json()
     assert np.array_equal(certificate.tree, proved[1].tree)
     assert np.array_equal(certificate.multipliers, proved[1].multipliers)
     check = check_proof_file(written)
@@ -47,7 +46,7 @@ def test_a_proof_is_the_same_to_the_last_bit_when_read_back(proved, written):
 
 def test_a_proof_of_another_course_is_refused(proved, written):
     grippy = slippery(proved[0], 4.0)
-    changed(written, subject=course_to_json(grippy))
+    changed(written, subject=grippy.to_json())
     assert TwoStageCoursePlanner().solve(grippy).solution is not None
     check = check_proof_file(written)
     assert not check.accepted
@@ -56,7 +55,7 @@ def test_a_proof_of_another_course_is_refused(proved, written):
 
 def test_odd_files_are_refused_in_one_line(proved, written):
     tree, rows = proved[1].tree.tolist(), proved[1].multipliers.tolist()
-    nothing = course_to_json(replace(proved[0], name="")) | {"frames": 0}
+    nothing = replace(proved[0], name="").to_json() | {"frames": 0}
     for parts, message in (
         ({"format": "stancekit/plan/1"}, "expected format 'stancekit/proof/1'"),
         ({"more": 1}, "expected the keys format, subject, tree, multipliers; missing or unknown: more"),
@@ -86,7 +85,7 @@ def test_multipliers_that_prove_nothing_are_refused_and_never_raise(proved, writ
 def test_the_older_format_of_courses_is_still_read(proved, tmp_path):
     course, certificate = proved
     tree = [(-1, -1) if kind == 0 else (int(i), int(j)) for kind, i, j, _, _ in certificate.tree]
-    old = {"format": "stancekit/no-plan/1", "course": course_to_json(course), "tree": tree}
+    old = {"format": "stancekit/no-plan/1", "course": course.to_json(), "tree": tree}
     (tmp_path / "old.json").write_text(json.dumps(old | {"multipliers": certificate.multipliers.tolist()}))
     check = check_proof_file(tmp_path / "old.json")
     assert check.accepted

@@ -185,7 +185,7 @@ def test_what_is_wrong_in_a_file_is_named_with_what_came(record, change, message
 @pytest.mark.parametrize("what", [[], "text", 3, None, True, 1.5])
 def test_what_is_no_object_is_named(what):
     kind = type(what).__name__
-    expected = f"expected a JSON object with format 'stancekit/posture/1', got {kind}"
+    expected = f"expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got {kind}"
     assert refusal(Problem.from_json, what) == expected
 
 

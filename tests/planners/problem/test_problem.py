@@ -15,7 +15,6 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
@@ -114,7 +113,7 @@ def test_bounds_of_footholds_count_in_plans_and_in_files():
         )
     loaded = max(np.linalg.norm(strong.solution.forces_n[s, i]) for s, i in on)
     assert loaded > 0.1 * course.weight_n
-    again = course_from_json(course_to_json(changed))
+    again = Problem.from_json(changed.to_json())
     np.testing.assert_array_equal(again.footholds[0].force_max, weak.force_max)
     assert again.footholds[1].force_max is None
 
@@ -127,7 +126,7 @@ def test_another_force_scale_changes_no_plan():
     assert one.status is other.status
     assert one.objective == pytest.approx(other.objective, rel=1e-3)
     assert stancekit.verify(other.solution).contacts
-    assert course_from_json(course_to_json(scaled)).force_scale_n == 40.0
+    assert Problem.from_json(scaled.to_json()).force_scale_n == 40.0
 
 
 def test_a_problem_of_several_frames_needs_an_objective(problem):

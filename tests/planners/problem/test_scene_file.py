@@ -11,8 +11,8 @@ import yaml
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_scenes, read_course
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.kinematic import KinematicPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -55,7 +55,7 @@ def test_a_scene_is_laid_out_as_its_phases_say(name):
             allowed = phase["allowed"][phase["moving"].index(put.limb)]
             offered = {tuple(patch.vertices_m.ravel()) for patch in put.candidates}
             assert offered == {tuple(course.terrain[number].vertices_m.ravel()) for number in allowed}
-    assert course_to_json(course_from_json(course_to_json(course))) == course_to_json(course)
+    assert Problem.from_json(course.to_json()).to_json() == course.to_json()
 
 
 @pytest.mark.parametrize("name", ["anymal-stairs", "anymal-trot"])

@@ -17,7 +17,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.planners.problem.wrench import at_point, loaded, wrench_between, wrench_of
+from stancekit.planners.problem.wrench import at_point, wrench_of
 from stancekit.planners.search.plan_window import course_window, one_at_a_time, with_pause
 
 ROPE = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.3])
@@ -132,10 +132,10 @@ def test_a_broken_wrench_in_a_file_is_refused(course: Problem, wrench: object) -
 
 
 def test_a_wrench_is_added_to_what_a_course_has(course: Problem) -> None:
-    assert loaded(course, None) is course
-    assert loaded(course, np.zeros(6)) is course
-    once = loaded(course, ROPE)
-    twice = loaded(once, ROPE)
+    assert course.loaded(None) is course
+    assert course.loaded(np.zeros(6)) is course
+    once = course.loaded(ROPE)
+    twice = once.loaded(ROPE)
     assert once.wrench is not None
     assert twice.wrench is not None
     np.testing.assert_array_equal(twice.wrench, np.tile(2.0 * ROPE, (5, 1)))
@@ -159,10 +159,10 @@ def test_parts_of_a_course_keep_their_wrench(course: Problem) -> None:
 
 
 def test_between_frames_a_wrench_goes_over(course: Problem) -> None:
-    assert wrench_between(course, 1.5) is None
+    assert course.wrench_at(1.5) is None
     pulled = replace(course, wrench=np.outer(np.arange(5.0), ROPE))
     for frame in (0.0, 1.25, 3.5, 4.0):
-        np.testing.assert_allclose(wrench_between(pulled, frame), frame * ROPE)
+        np.testing.assert_allclose(pulled.wrench_at(frame), frame * ROPE)
 
 
 def test_a_leap_and_what_is_no_wrench_are_refused_before_anything_is_planned() -> None:

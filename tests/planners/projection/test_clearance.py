@@ -24,7 +24,9 @@ from stancekit.planners.projection import clearance
 from stancekit.planners.projection.clearance import Nearness, PathClearance
 from stancekit.planners.projection.whole_body import whole_body, with_joints
 from stancekit.planners.robot import bodies
+from stancekit.planners.robot.inverse_kinematics import descend
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.leg import Leg
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 
 BEAM = {
@@ -84,6 +86,45 @@ def test_slopes_are_those_of_finite_differences(walk: Callable[..., Plan], monke
         largest = np.abs(expected).max()
         assert largest > 1e-3 * step
         assert np.abs(found - expected).max() < 0.02 * largest + 1e-9  # coal's tolerance
+
+
+def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_differences(
+    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a body so high that legs are too short, and feet stay on a ball about their hip; with the same left out."""
+
+    def stretched(leg: Leg, feet: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        away = feet - leg.hip_m
+        near = leg.hip_m + away * np.minimum(1.0, 0.33 / np.linalg.norm(away, axis=1, keepdims=True))
+        angles, missed = descend(leg, near, start)
+        assert missed.max() < 1e-6
+        return angles, np.linalg.norm(feet - near, axis=1)
+
+    plan = with_joints(walk(3))
+    plan = replace(plan, com_m=plan.com_m + np.array([0.0, 0.0, 0.2]))
+    monkeypatch.setattr(joints, "descend", stretched)
+    monkeypatch.setattr(joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals)
+    looks = PathClearance(plan, Weightless(plan.problem.robot))
+
+    def astray(one: Plan) -> tuple[np.ndarray, np.ndarray]:
+        found = looks.nearness(one, 0.02, 0.023)
+        feet = found.distance_m < -1e-3  # nothing else is so near to anything
+        return found.distance_m[feet], found.slopes.toarray()[feet]
+
+    start, slopes = astray(plan)
+    assert len(start) >= 6
+    rng, step = np.random.default_rng(0), 1e-4
+    names = "com_m", "rotation_rad", "joints_rad", "toes_m"
+    for moved in (("com_m",), ("rotation_rad",), ("toes_m",), ("com_m", "rotation_rad", "toes_m")):
+        parts = {name: np.zeros_like(getattr(plan, name)) for name in names}
+        for name in moved:
+            parts[name] = step * rng.standard_normal(parts[name].shape)
+        parts["toes_m"][:, 2] = 0.0
+        other, _ = astray(replace(plan, **{name: getattr(plan, name) + part for name, part in parts.items()}))
+        expected = slopes @ np.concatenate([part.ravel() for part in parts.values()])
+        assert len(other) == len(start)
+        assert np.abs(expected).max() > 0.1 * step
+        assert np.abs(other - start - expected).max() < 0.03 * np.abs(expected).max()
 
 
 def test_a_beam_over_the_path_is_gone_under_all_along_it(beam: Plan) -> None:

@@ -16,8 +16,8 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import WHOLE_BODY
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.contact_robot import contact_robot, sets_of
@@ -99,7 +99,7 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
     kinematics = Kinematics(course.robot)
     assert set(kinematics.torque_nm) == {12.0}
     assert set(kinematics.velocity_rad_s) == {3.0}
-    again = course_from_json(json.loads(json.dumps(course_to_json(course))))
+    again = Problem.from_json(json.loads(json.dumps(course.to_json())))
     assert again.robot.drawn == servo
     found = plan_course(course, TwoStageCoursePlanner()).solution
     assert found is not None
@@ -145,11 +145,11 @@ def test_legs_that_make_no_sense_are_refused(
 
 def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
     course = read_course("walls")
-    written = course_to_json(course)["robot"]
+    written = course.to_json()["robot"]
     assert set(written) == {"name", "mass_kg", "limbs"}
-    assert course_from_json(course_to_json(course)).robot.drawn == Servo()
+    assert Problem.from_json(course.to_json()).robot.drawn == Servo()
     heavy = replace(hexapod(), mass_kg=14.0)
-    read = course_from_json(course_to_json(replace(course, robot=heavy))).robot
+    read = Problem.from_json(replace(course, robot=heavy).to_json()).robot
     assert read.drawn == Servo()
     other = Robot(name="hexapod", mass_kg=10.0, limbs=hexapod().limbs[:4])
     assert other.drawn is None
@@ -183,7 +183,7 @@ def _as_before(path: Path, plan: Plan) -> None:
     data = json.loads(path.read_text())
     del data["course"]["robot"]["legs"], data["sha256"]
     verdict = data["verdict"]
-    bare = replace(plan, problem=course_from_json(data["course"]))
+    bare = replace(plan, problem=Problem.from_json(data["course"]))
     checked = verdict.get("checked", ["contacts"])
     verdict["digest"] = plan_digest(bare, verdict["tolerance"], verdict["accepted"], checked)
     path.write_text(json.dumps({**data, "sha256": _seal(data)}))

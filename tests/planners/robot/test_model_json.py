@@ -13,7 +13,6 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.legged import foot_radii, legged_model
 from stancekit.planners.robot.model_json import MOST_LETTERS
@@ -59,11 +58,11 @@ def course(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 
 @pytest.fixture
 def written(course: Problem) -> dict[str, Any]:
-    return dict(json.loads(json.dumps(course_to_json(course))))
+    return dict(json.loads(json.dumps(course.to_json())))
 
 
 def test_the_model_comes_back_as_it_was_from_the_file_alone(course: Problem, written: dict[str, Any]) -> None:
-    model, read = course.robot.model, course_from_json(written).robot.model
+    model, read = course.robot.model, Problem.from_json(written).robot.model
     assert model is not None
     assert read is not None
     assert read.name == "dog"
@@ -83,8 +82,8 @@ def test_the_model_comes_back_as_it_was_from_the_file_alone(course: Problem, wri
         np.testing.assert_array_equal(mine.stance_rad, its.stance_rad)
         np.testing.assert_array_equal(mine.chain.feet(mine.stance_rad[None]), its.chain.feet(its.stance_rad[None]))
     np.testing.assert_array_equal(read.body.com_m, model.body.com_m)
-    np.testing.assert_array_equal(course_from_json(written).robot.origin_m, model.body.com_m)
-    assert course_to_json(course_from_json(written)) == written
+    np.testing.assert_array_equal(Problem.from_json(written).robot.origin_m, model.body.com_m)
+    assert Problem.from_json(written).to_json() == written
 
 
 def test_no_folder_of_this_machine_is_in_a_file(written: dict[str, Any], tmp_path: Path) -> None:
@@ -98,7 +97,7 @@ def test_an_older_file_is_read_and_its_meshes_are_not_looked_for(written: dict[s
     older = {name: model[name] for name in ("urdf", "legs", "disabled_pairs")}
     older["digest"] = hashlib.sha256(urdf_digest_text(model["urdf"], legs).encode()).hexdigest()
     written["robot"]["model"] = older | {"mesh_folders": [str(tmp_path)]}
-    read = course_from_json(written).robot.model
+    read = Problem.from_json(written).robot.model
     assert read is not None
     assert all(shape.mesh is None and shape.corners_m is None for shape in read.shapes)
 
@@ -156,7 +155,7 @@ def test_a_model_that_was_changed_is_refused(
 ) -> None:
     forge(written["robot"]["model"])
     with pytest.raises(InvalidInput) as caught:
-        course_from_json(written)
+        Problem.from_json(written)
     assert str(caught.value).startswith(f"robot dog: model: {message}")
 
 
@@ -172,7 +171,7 @@ def test_a_model_that_was_changed_is_refused(
 def test_a_model_out_of_bounds_is_refused(written: dict[str, Any], key: str, value: Any, message: str) -> None:
     written["robot"]["model"][key] = value
     with pytest.raises(InvalidInput) as caught:
-        course_from_json(written)
+        Problem.from_json(written)
     assert message in str(caught.value)
 
 
@@ -182,7 +181,7 @@ def test_limbs_and_mass_are_those_of_the_model(course: Problem, written: dict[st
         replace(robot, limbs=robot.limbs[1:])
     written["robot"]["mass_kg"] += 0.001
     with pytest.raises(InvalidInput, match=r"^robot dog: expected the mass of its model, 22.4 kg, got 22.401$"):
-        course_from_json(written)
+        Problem.from_json(written)
     sole = np.array([[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1]])
     with pytest.raises(InvalidInput, match=r"^robot dog: expected point feet with a model of its legs, got soles$"):
         replace(robot, limbs=(replace(robot.limbs[0], sole_m=sole), *robot.limbs[1:]))

@@ -74,5 +74,5 @@ def test_other_robots_have_a_urdf_too() -> None:
 
 
 def test_a_servo_without_torque_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"^servo\.torque_nm: expected a number above 0, got 0$"):
+    with pytest.raises(InvalidInput, match=r"^torque_nm: expected a number above 0, got 0$"):
         Servo(torque_nm=0.0)

@@ -13,7 +13,6 @@ from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Contact, Problem
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.model import Limb, Robot
@@ -233,9 +232,9 @@ def test_files_give_half_spaces_back_and_files_without_them_are_as_they_were(dra
     assert again.to_json() == with_rows.to_json()
     assert [contact.reach_rows is None for contact in again.contacts].count(False) == 1
     course = ragged(1)
-    assert "reach_rows" not in json.dumps(course_to_json(course))
-    data = json.loads(json.dumps(course_to_json(bounded(course, 2))))
-    assert course_to_json(course_from_json(data)) == data
+    assert "reach_rows" not in json.dumps(course.to_json())
+    data = json.loads(json.dumps(bounded(course, 2).to_json()))
+    assert Problem.from_json(data).to_json() == data
 
 
 def test_a_posture_is_the_same_as_a_course(planner, drawn, bounded, programs):

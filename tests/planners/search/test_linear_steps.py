@@ -10,8 +10,8 @@ import pytest
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import described, spec_from
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.problem.limits import StepLimits
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.nlp import NlpPlanner
@@ -100,8 +100,8 @@ def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan
 
 def test_it_is_a_key_of_files_and_older_ones_have_none(climb):
     course = climb(1)
-    assert "yaw_rad" not in course_to_json(course)["steps"]
-    again = course_from_json(course_to_json(limited(course, 0.02)))
+    assert "yaw_rad" not in course.to_json()["steps"]
+    again = Problem.from_json(limited(course, 0.02).to_json())
     assert again.steps == replace(course.steps, yaw_rad=0.02)
     described_course = dict(described("walls"))
     described_course["steps"] = {**described_course.get("steps", {}), "yaw_rad": 0.01}

@@ -17,7 +17,6 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import TimeEnded
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.contact_robot import sets_of, with_sets
 from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course
@@ -58,7 +57,7 @@ def test_a_robots_sets_are_told_from_its_numbers_and_survive_a_file(high: Callab
     course = read_course(high(0.5))
     assert sets_of(course.robot) == "inner"
     outer = replace(course, robot=with_sets(course.robot, "outer"))
-    assert sets_of(course_from_json(course_to_json(outer)).robot) == "outer"
+    assert sets_of(Problem.from_json(outer.to_json()).robot) == "outer"
     assert sets_of(read_course(high(0.5), sets="outer").robot) == "outer"
     shifted = replace(course.robot.limbs[0], reach_m=course.robot.limbs[0].reach_m + 1e-6)
     assert sets_of(replace(course.robot, limbs=(shifted, *course.robot.limbs[1:]))) is None

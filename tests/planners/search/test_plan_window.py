@@ -12,7 +12,6 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.search.plan_window import STANDING_M, Standing, course_window, joined, one_at_a_time
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
@@ -45,7 +44,7 @@ def walked(planner, course, horizon):
 
 
 def test_the_window_of_all_frames_is_the_course(course):
-    assert json.dumps(course_to_json(course_window(course, 0, 4))) == json.dumps(course_to_json(course))
+    assert json.dumps(course_window(course, 0, 4).to_json()) == json.dumps(course.to_json())
 
 
 @pytest.mark.parametrize("horizon", [1, 2, 3])

@@ -11,7 +11,6 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot.reach import ReachRows, RelativeReach
 from stancekit.planners.search.decoupled import DecoupledPlanner
 from stancekit.planners.search.nlp import NlpPlanner
@@ -104,8 +103,8 @@ def test_a_toe_that_is_drawn_away_is_a_foot_out_of_reach(ragged, paired, program
 
 def test_it_survives_its_file(ragged, paired):
     course = paired(ragged(3, frames=2), 3)
-    again = course_from_json(course_to_json(course))
-    assert course_to_json(again) == course_to_json(course)
+    again = Problem.from_json(course.to_json())
+    assert again.to_json() == course.to_json()
     assert len(again.robot.relative_reach) == 12
 
 

@@ -18,7 +18,6 @@ from stancekit.planners.formats.answer_file import answer_from_json
 from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.projection.project import PROJECTIONS, SURFACE, project
 from stancekit.planners.relaxation.lift import solve_lift
@@ -368,8 +367,8 @@ def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbe
     again, _ = read_plan(path)
     assert np.array_equal(again.point_forces_n, plan.point_forces_n)
     assert check_file(path, joints=False).accepted
-    data = json.loads(json.dumps(course_to_json(course)))
-    assert course_to_json(course_from_json(data)) == data
+    data = json.loads(json.dumps(course.to_json()))
+    assert Problem.from_json(data).to_json() == data
 
 
 def test_forged_plans_with_soles_are_refused(climbed):

@@ -160,8 +160,7 @@ def test_a_push_that_no_stance_bears_is_undecided_and_one_beyond_all_feet_is_ref
 
 
 def test_files_say_what_a_plan_has_to_bear(climb: Plan) -> None:
-    from stancekit.planners.problem.course_json import course_from_json, course_to_json
 
-    assert "push_n" not in course_to_json(climb.problem)
+    assert "push_n" not in climb.problem.to_json()
     course = replace(climb.problem, push_n=12.0)
-    assert course_from_json(course_to_json(course)).push_n == 12.0
+    assert Problem.from_json(course.to_json()).push_n == 12.0

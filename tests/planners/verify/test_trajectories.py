@@ -602,7 +602,7 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
     planners = Path(trajectories.__file__).parents[1]
     allowed = {
         "errors.py", "cached.py", "physics.py", "files/arrays.py", "files/archive.py", "files/comparison.py",
-        "files/documents.py", "files/validation.py",
+        "files/codec.py", "files/documents.py", "files/validation.py",
         "answer/trajectory.py", "robot/leg_sources.py", "robot/model.py", "robot/model_json.py", "robot/reach.py",
         "robot/servo.py", "robot/single_body.py", "robot/urdf_reader.py", "terrain/bspline.py",
         "terrain/heightfield.py", "terrain/patch.py", "terrain/polygon.py", "terrain/sole.py",

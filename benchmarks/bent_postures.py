@@ -1,0 +1,68 @@
+"""Postures of the whole body: how many of a class are accepted with joints, torques and bodies, straight and bent.
+
+    python benchmarks/bent_postures.py [--problem wall-3] [--robot hexapod] [--torque-nm 10] [--scenes 150]
+
+Scenes that no lift refutes are answered by the two-stage planner for contacts and forces; its posture gets joints and
+the forces that spare them most, with toes, body and joints as they are. Beside it `plan` with the robot, which bends.
+Both are judged by the verifier: joints, torques, bodies, margins.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from _bench import Options, launch
+
+import stancekit
+from stancekit.envs.distributions.postures import distribution
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.robot.robot_file import robot_of
+from stancekit.planners.search.whole_body_outcome import with_whole_body
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Options):
+    """Which class and robot, and how many scenes."""
+
+    problem: str = "wall-3"
+    robot: str = "hexapod"
+    torque_nm: float = 10.0
+    scenes: int = 150
+    seed: int = 10_000
+
+
+def main(arguments: Arguments) -> None:
+    """Measure and print."""
+    own = arguments.robot != "hexapod"
+    drawn, robot = distribution(arguments.problem, robot=arguments.robot if own else None), robot_of(arguments.robot)
+    limits = WholeBodyLimits(torque_nm=arguments.torque_nm)
+    accepted, seconds, seed, scenes = {"straight": 0, "bent": 0}, {"straight": 0.0, "bent": 0.0}, arguments.seed, 0
+    while scenes < arguments.scenes:
+        problem = drawn.sample(np.random.default_rng(seed))
+        seed += 1
+        began = time.process_time()
+        straight = stancekit.solve(problem, "two-stage")
+        if straight.solution is None:
+            continue
+        scenes += 1
+        course = problem.course(robot=robot)
+        order = [problem.legs.index(name) for name in course.robot.limb_names]
+        found = straight.solution
+        plan = replace(found, problem=course, toes_m=found.toes_m[order], forces_n=found.forces_n[:, order])
+        bare = replace(straight, solution=plan, problem=course)
+        answer = with_whole_body(bare, replace(limits, steps=0))
+        accepted["straight"] += answer.status.value == "feasible"
+        seconds["straight"] += time.process_time() - began
+        began = time.process_time()
+        bent = stancekit.plan(problem, robot=robot, body=limits)
+        seconds["bent"] += time.process_time() - began
+        accepted["bent"] += bent.status.value == "feasible"
+    found = {f"{name}, accepted": count / scenes for name, count in accepted.items()}
+    found |= {f"{name}, ms": 1e3 * total / scenes for name, total in seconds.items()}
+    arguments.list(found, problem=arguments.problem, robot=arguments.robot, scenes=scenes)
+
+
+if __name__ == "__main__":
+    launch(main, Arguments, __doc__)
