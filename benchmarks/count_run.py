@@ -16,7 +16,6 @@ from collections.abc import Callable
 from typing import Any
 
 COUNTED = {
-    "courses parsed": ("stancekit.planners.problem.problem:Problem.from_json",),
     "plans judged": ("stancekit.planners.verify.plans:check_plan",),
     "whole bodies judged": ("stancekit.planners.verify.joints:check_whole_body",),
     "joints judged": ("stancekit.planners.verify.joints:joint_report",),
@@ -66,6 +65,9 @@ def main() -> int:
     for name in ("buildModelFromXML", "buildModelFromUrdf"):
         setattr(pinocchio, name, counted(getattr(pinocchio, name), "pinocchio models"))
     watch()
+    from stancekit.planners.problem import Problem
+
+    Problem.from_json = staticmethod(counted(Problem.from_json, "courses parsed"))  # type: ignore[assignment]
     from stancekit.cli.main import main as command
 
     sys.argv = ["stancekit", *sys.argv[1:]]
