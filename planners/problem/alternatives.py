@@ -68,6 +68,8 @@ class Alternative:
 
 
 AS_ASKED = Alternative()
+HIGHER = Alternative(height=1.15)
+"""The layout that is tried first where a foot alone stays from its path: its leg has no room to lift it."""
 ALTERNATIVES = (
     AS_ASKED,
     Alternative(spread=1.15, height=0.85),
@@ -76,5 +78,6 @@ ALTERNATIVES = (
     Alternative(candidates=2),
     Alternative(gait="wave"),
     Alternative(spread=1.15, height=1.08, candidates=2),
+    HIGHER,
 )
 """The layouts in the order in which they are tried."""

@@ -17,7 +17,7 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
 from ..problem import Problem
-from ..problem.alternatives import AS_ASKED, Alternative
+from ..problem.alternatives import AS_ASKED, HIGHER, Alternative
 from ..problem.candidates import NoPlace
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
@@ -121,8 +121,9 @@ def _laid_out(
     """
     first: Answer[Plan] | None = None
     refusal: InvalidInput | PlanningFailed | None = None
-    for alternative in layouts:
-        now = time.perf_counter()
+    left = list(layouts)
+    while left:
+        alternative, now = left.pop(0), time.perf_counter()
         if alternative is not layouts[0] and now >= deadline:
             break
         try:
@@ -132,7 +133,7 @@ def _laid_out(
                 raise
             refusal = refusal or error
             continue
-        last = alternative is layouts[-1] or math.isinf(deadline)
+        last = not left or math.isinf(deadline)
         outcome = answered(course, deadline if last else now + FIRST * (deadline - now))
         if outcome.status is Status.FEASIBLE and alternative.message:
             return _of_layout(outcome, alternative)
@@ -140,10 +141,19 @@ def _laid_out(
             first = outcome
             if outcome.status is not Status.UNDECIDED:
                 return outcome
+            if _cannot_lift(outcome):
+                left.sort(key=lambda each: each is not HIGHER)
     if first is None:
         assert refusal is not None
         raise refusal
     return first
+
+
+def _cannot_lift(outcome: Answer[Plan]) -> bool:
+    """Whether nothing collides in the answer's motion and a foot stays from its path all the same."""
+    groups = () if outcome.report is None else outcome.report.groups
+    motion = [group for group in groups if group.name == "motion" and group.verdict == "violated"]
+    return any("worst" in group.figures and group.figures["worst"] is None for group in motion)
 
 
 def _of_layout(outcome: Answer[Plan], alternative: Alternative) -> Answer[Plan]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
+from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, HIGHER, Alternative
 from stancekit.planners.problem.candidates import CandidatePatches, NoPlace
 from stancekit.planners.problem.course_file import is_scene, read_course, read_spec
 from stancekit.planners.robot.model import Limb, hexapod
@@ -19,6 +21,7 @@ from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.terrain import Terrain
+from stancekit.planners.verify import check_plan
 
 
 def test_the_first_alternative_changes_nothing() -> None:
@@ -67,6 +70,30 @@ def test_others_are_tried_where_the_first_has_no_place_for_a_toe() -> None:
     assert tried == [each.message for each in ALTERNATIVES[:3]]
     with pytest.raises(NoPlace, match=r"nowhere \(4\)"):
         plan_course(question, TwoStageCoursePlanner(), deadline=math.inf)  # the first alone
+
+
+@pytest.mark.parametrize("worst", [None, {"frame": 1.0, "link": "trunk", "other": "patch 1"}])
+def test_a_higher_body_is_tried_first_where_a_foot_alone_stays_from_its_path(worst: object) -> None:
+    tried = list[str]()
+
+    class Astray(TwoStageCoursePlanner):
+        def solve(self, course: Problem) -> Answer[Plan]:
+            answer = super().solve(course)
+            assert answer.solution is not None
+            report, figures = check_plan(answer.solution), {"worst": worst}
+            motion = Group("motion", unit="m", verdict="violated", message="a foot", figures=figures)
+            report = replace(report, groups=(*report.groups, motion))
+            return replace(answer, status=Status.UNDECIDED, report=report)
+
+    def question(_: object, alternative: Alternative) -> Problem:
+        tried.append(alternative.message)
+        return read_course("walls", frames=2)
+
+    outcome: Answer[Plan] = plan_course(question, Astray(reserve=False), limits=None, layouts=ALTERNATIVES)
+    assert outcome.status is Status.UNDECIDED
+    second, *others = [each.message for each in ALTERNATIVES[1:]]
+    order = ["", HIGHER.message, second, *others[:-1]] if worst is None else ["", second, *others]
+    assert tried == order
 
 
 def test_a_surface_has_to_face_the_hip_and_not_the_middle_of_what_the_foot_reaches() -> None:
