@@ -71,7 +71,7 @@ SECTIONS = (
     Section("Walks of other programs", "YAML for `stancekit bench gait --against`; see [formats](../formats.md).",
             ("planners.gait.walk_table:WalkKeys",)),
     Section("Posture problems", "`stancekit/posture/1`, JSON; see [formats](../formats.md).",
-            values=("planners.problem.posture:_PostureKeys",)),
+            values=("planners.problem.posture:PostureKeys",)),
     Section("Courses laid out", "`stancekit/course/1`, JSON, as plans and proofs contain it; written by the program.",
             ("planners.robot.model_json:ModelJson",), ("planners.problem.problem:Problem",)),
     Section("Envelopes", "`stancekit/envelope/1`, JSON.", values=("planners.relaxation.envelope:EnvelopeSet",)),

@@ -165,7 +165,7 @@ def test_problems_are_read_one_by_one_with_their_errors(drawn):
     ((where, item),) = read_problems(json.dumps([3]), "f")
     assert (where, str(item)) == (
         "f[0]",
-        "f[0]: expected a JSON object with format 'stancekit/posture/1', got int",
+        "f[0]: expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got int",
     )
 
 
