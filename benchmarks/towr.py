@@ -33,7 +33,8 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import LeapClass, leap_class
-from stancekit.planners.terrain.terrain import VOID_M, Terrain
+from stancekit.planners.terrain.polygon import VOID_M
+from stancekit.planners.terrain.terrain import Terrain
 
 HERE = Path(__file__).parent / "towr"
 SPACING_M = 0.02
@@ -155,15 +156,12 @@ def asked(leap: Leap, kind: LeapClass, scene: Terrain, limit_s: float) -> str:
     reach = min(limb.reach_m for limb in robot.limbs)
     half = [np.sqrt(reach**2 - (away**2).sum(axis=1).max())] * 3  # the ball's at the nominal place
     half[2] = reach - float(np.abs(away[:, 2]).max())
-    toes = np.array(
-        [
-            min(
-                (patch.centre_m for patch in put.candidates),
-                key=lambda at, k=k: float(np.linalg.norm(at - leap.start.com_m - nominal[k])),
-            )
-            for k, put in enumerate(leap.footholds[: len(robot.limbs)])
-        ]
-    )
+    toes = []
+    for place, put in zip(
+        leap.start.com_m + nominal, leap.footholds, strict=False
+    ):  # of the first stance
+        centres = np.array([patch.centre_m for patch in put.candidates])
+        toes.append(centres[np.linalg.norm(centres - place, axis=1).argmin()])
     friction = min(patch.friction for put in leap.footholds for patch in put.candidates)
     ends = np.array([leap.start.com_m[:2], leap.goal.com_m[:2]])
     low, high = ends.min(axis=0) - 0.6, ends.max(axis=0) + 0.6
