@@ -171,7 +171,7 @@ def asked(leap: Leap, kind: LeapClass, scene: Terrain, limit_s: float) -> str:
     numbers = [limit_s, robot.mass_kg, leap.limits.force_share * leap.weight_n, *np.diag(inertia)]
     numbers += [len(robot.limbs), *nominal.ravel(), *half, *leap.start.com_m, *leap.goal.com_m]
     numbers += [
-        *toes.ravel(),
+        *np.ravel(toes),
         *leap.timings_s[0],
         friction,
         low[0],
