@@ -191,6 +191,7 @@ class _Keys:
 
 
 KEYS = _Keys()
+"""``Annotated[Class, KEYS]`` in a pydantic model: a value of that class by its keys, or as it is."""
 NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
 """What the reference of keys says of arrays, of whatever shape."""
 
