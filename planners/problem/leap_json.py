@@ -12,8 +12,8 @@ from pydantic import Field
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.codec import LATER, fields_to_json, from_json, to_json
-from ..files.validation import shown
+from ..files.codec import LATER, fields_to_json, from_json, keys_of, to_json
+from ..files.validation import shown, validated
 from ..robot.leg_limits import leaping_robot
 from ..robot.model import Robot
 from ..terrain.patch import Patch
@@ -74,6 +74,8 @@ def leap_from_keys(data: Mapping[str, Any], where: str) -> Leap:
         return kind.draw(np.random.default_rng(drawn.seed), f"{drawn.distribution}-{drawn.seed}")
     if not isinstance(data.get("robot", ""), str | Mapping):
         raise InvalidInput(f"{where}: robot: expected a name, a file, or a robot's keys, got {shown(data['robot'])}")
+    if isinstance(data.get("robot"), Mapping):  # or a message names what the union is of
+        validated(keys_of(Robot, whole=False), data["robot"], where, key="robot.")
     try:
         keys = from_json(_LeapKeys, {"format": FORMAT, **data}, whole=False)
         robot = _named(keys.robot) if isinstance(keys.robot, str) else keys.robot

@@ -84,7 +84,7 @@ def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message)
         ({"robot": None}, "bad.json: robot: expected a name, a file, or a robot's keys, got None"),
         (
             {"robot": {"name": "a", "mass_kg": "x", "limbs": []}},
-            "bad.json: robot.mass_kg: expected a valid number, unable to parse string as a number, got 'x'",
+            "bad.json: robot.mass_kg: expected a valid number, got 'x'",
         ),
         ({"footholds": []}, "leap leap-0: footholds: expected one of LF in phase 0, where it begins to stand"),
         (

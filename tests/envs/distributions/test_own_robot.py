@@ -14,6 +14,7 @@ from stancekit.envs.distributions.stance import PAPER_LEGS, Law, StandingRobot, 
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.codec import to_json
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.robot.contact_robot import standing_toes
@@ -89,7 +90,7 @@ def test_scenes_carry_the_robots_own_legs_mass_and_name(dog: str) -> None:
     for contact, limb in zip(problem.contacts, own.select(problem.legs), strict=True):
         assert contact.reach_rows is not None
         assert limb.reach_rows is not None
-        assert contact.reach_rows.to_json() == limb.reach_rows.to_json()
+        assert to_json(contact.reach_rows) == to_json(limb.reach_rows)
         np.testing.assert_array_equal(contact.shoulder_m, limb.shoulder_m)
     again = Problem.from_json(problem.to_json())
     assert again.to_json() == problem.to_json()

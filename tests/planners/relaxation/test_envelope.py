@@ -179,7 +179,7 @@ BOX = ("envelopes", 1)
 BAD = [
     (("format",), "stancekit/envelope/2", "format: expected 'stancekit/envelope/1', got 'stancekit/envelope/2'"),
     (("legs",), ..., "legs: expected this key, got nothing"),
-    (("legs",), [], "legs: List should have at least 1 item after validation, not 0, got []"),
+    (("legs",), [], "legs: expected one or more different ones, got []"),
     (("legs",), ["RF", "RR"], "normals: expected shape (2, 3), got (3, 3)"),
     (("colour",), 1, "colour: unknown key"),
     (("problem_class",), 3, "problem_class: expected a valid string, got 3"),
@@ -187,7 +187,7 @@ BAD = [
     (("force_scale_n",), True, "force_scale_n: expected a valid number, got True"),
     (("normals",), [[0, 0, 1]], "normals: expected shape (3, 3), got (1, 3)"),
     (("tilt_rad", 0), float("nan"), "expected numbers as JSON has them, got NaN"),
-    (("envelopes",), [], "envelopes: List should have at least 1 item after validation, not 0, got []"),
+    (("envelopes",), [], "envelopes: expected one or more, got none"),
     ((*BOX, "low", 0, 0), None, "envelopes[1].low[0][0]: expected a valid number, got None"),
     ((*BOX, "mid"), [], "envelopes[1].mid: unknown key"),
     ((*BOX, "high"), ..., "envelopes[1].high: expected this key, got nothing"),

@@ -158,11 +158,11 @@ def test_modes_come_back_from_json_and_say_what_is_wrong_with_others(modes):
     assert again.names == modes.names
     for mine, theirs in zip(modes.boxes.envelopes, again.boxes.envelopes, strict=True):
         np.testing.assert_array_equal(mine.to_vector(), theirs.to_vector())
-    with pytest.raises(InvalidInput, match="format 'stancekit/modes/1'"):
+    with pytest.raises(InvalidInput, match="format: expected 'stancekit/modes/1', got 'stancekit/envelope/1'"):
         Modes.from_json(modes.boxes.to_json())
     with pytest.raises(InvalidInput, match="names: expected 2 different ones, one an envelope, got \\['ground'\\]"):
         Modes.from_json(modes.to_json() | {"names": ["ground"]})
-    with pytest.raises(InvalidInput, match="boxes: force_scale_n"):
+    with pytest.raises(InvalidInput, match=r"boxes\.force_scale_n"):
         Modes.from_json(modes.to_json() | {"boxes": modes.boxes.to_json() | {"force_scale_n": -1.0}})
 
 

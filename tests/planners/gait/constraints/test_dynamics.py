@@ -1,6 +1,7 @@
 """The equations of motion against closed forms: rest, free fall, spin, tumbling."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import casadi as cs
@@ -45,7 +46,7 @@ def test_a_torso_in_free_fall_feels_nothing(form: Any) -> None:
 
 def test_a_steady_spin_about_the_vertical_needs_no_moment_when_centred() -> None:
     inertia = np.diag([1.0, 1.0, 2.0])
-    robot = type(ROBOT)(**{**{k: getattr(ROBOT, k) for k in ROBOT.__dataclass_fields__}, "inertia_kgm2": inertia})
+    robot = replace(ROBOT, inertia_kgm2=inertia)
     symbols = [cs.SX.sym("y", 6) for _ in range(3)]
     function = cs.Function("felt", symbols, [centred(LEVEL, robot, STEP_S)(symbols, [None] * 3)])
     turning = [np.array([0, 0, 0.5, 0, 0, 3.0 * k * STEP_S]) for k in range(3)]
