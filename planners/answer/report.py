@@ -100,7 +100,7 @@ class Group:
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
-        >>> stancekit.verify(problem, stancekit.solve(problem).solution).group("reach").verdict
+        >>> stancekit.verify(stancekit.solve(problem).solution).group("reach").verdict
         'holds'
     """
 
