@@ -5,11 +5,11 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from ..problem.old import Named
+from ..problem.old import OldName
 from .plan import Plan
 
 
-class Posture(metaclass=Named):
+class Posture(metaclass=OldName):
     """As ``Plan.of_posture``, without the problem, which ``verify`` and ``draw`` are given beside it."""
 
     @staticmethod

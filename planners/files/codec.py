@@ -164,7 +164,7 @@ def key_of(hint: Any, *, whole: bool = True) -> Any:
         return Annotated[hint, Strict()]
     origin, of = get_origin(hint), get_args(hint)
     if origin is np.ndarray:
-        return Annotated[Any, PlainValidator(numbers), NUMBERS]
+        return Annotated[Any, PlainValidator(lambda value: numbers(value)), NUMBERS]
     if origin is Annotated:
         return Annotated[part(of[0]), *of[1:]]
     if origin in (Union, types.UnionType):
@@ -196,17 +196,19 @@ NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
 """What the reference of keys says of arrays, of whatever shape."""
 
 
-def numbers(value: Any) -> Any:
+def numbers(value: Any, deepest: int = 8) -> Any:
     """Lists of numbers as a file has them, of which a class makes its array.
 
     Raises InvalidInput for anything else in them: also for truth values and texts, which NumPy takes for numbers.
     """
     if not isinstance(value, list | tuple):
         raise InvalidInput(f"expected a list in brackets, got {shown(value)}")
+    if not deepest:
+        raise InvalidInput("expected lists of numbers, got lists that are nested too deep")
     for index, each in enumerate(value):
         if type(each) not in (float, int):
             try:
-                numbers(each)
+                numbers(each, deepest - 1)
             except InvalidInput as error:
                 inner = str(error)
                 if not isinstance(each, list | tuple):

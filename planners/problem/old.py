@@ -8,7 +8,7 @@ from typing import Any
 from .problem import Problem
 
 
-class Named(type):
+class OldName(type):
     """A name of before that makes values (``made``), and that some values are instances of (``known``)."""
 
     def __instancecheck__(cls, instance: object) -> bool:
@@ -19,7 +19,7 @@ class Named(type):
         return cls.made(*args, **kwargs)  # type: ignore[attr-defined]
 
 
-class PostureProblem(metaclass=Named):
+class PostureProblem(metaclass=OldName):
     """As ``Problem.posture``."""
 
     made = Problem.posture
@@ -31,7 +31,7 @@ class PostureProblem(metaclass=Named):
         return isinstance(instance, Problem) and instance.is_posture
 
 
-class Course(metaclass=Named):
+class Course(metaclass=OldName):
     """As ``Problem``."""
 
     made = Problem

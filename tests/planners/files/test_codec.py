@@ -76,6 +76,10 @@ class OldCart(Cart):
     KEYS: ClassVar = _CartKeys
 
 
+TOO_DEEP = "expected lists of numbers, got lists that are nested too deep"
+NESTED: Any = 1.0
+for _ in range(3000):
+    NESTED = [NESTED]
 CART = Cart(wheels=(Wheel(centre_m=[0.1, 2.0]),), paint=Paint(colour="blue"), driver="Ann")
 WRITTEN: dict[str, Any] = {
     "format": "cart/2",
@@ -126,6 +130,7 @@ def test_what_is_wrong_with_a_file_is_said_by_its_key(change, said):
         ({"centre_m": [0, True]}, "on[0].centre_m[1]: expected a valid number, got True"),
         ({"centre_m": [[0, None]]}, "on[0].centre_m[0][1]: expected a valid number, got None"),
         ({"centre_m": 5}, "on[0].centre_m: expected a list in brackets, got 5"),
+        ({"centre_m": NESTED}, f"on[0].centre_m{8 * '[0]'}: {TOO_DEEP}"),
         ({"centre_m": [1.0]}, "on[0].centre_m: expected shape (2,), got (1,)"),
         ({"radius_m": ...}, "on[0].radius_m: expected this key, got nothing"),
         ({"radius_m": 3.0}, "on[0].radius_m: expected a number in (0, 2], got 3"),
