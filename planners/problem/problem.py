@@ -603,7 +603,7 @@ def _posture(contacts: tuple[Contact, ...], robot: str, **body: Any) -> Problem:
         Problem, name="posture", terrain=tuple(contact.patch for contact in contacts), footholds=tuple(footholds),
         robot=made(
             Robot, name="posture", mass_kg=body.pop("mass_kg"), limbs=tuple(limbs), model=None, identity=robot,
-            relative_reach=(), inertia_kgm2=None, drawn=None,
+            relative_reach=(), inertia_kgm2=None, drawn=None, absent=(),
         ),
         lifts=((),), next_lift=(), com_nominal_m=com[None], com_radius_m=radius, goal_m=com, steps=_STEPS, weights=None,
         force_min=_LOW, force_max=_HIGH, modes=None, push_n=0.0, standing_m=None,

@@ -104,7 +104,7 @@ class _RobotKeys:
 
     name: a word. mass_kg: of all of it. limbs: one or more. identity: of the model that it is of. model: of its own
     file. relative_reach: where feet may be from a foot that is put down. inertia_kgm2: about the centre of mass, of a
-    robot that leaps. legs: the servo of legs that are drawn up.
+    robot that leaps. legs: the servo of legs that are drawn up. absent: legs that it has, and whose place nobody says.
     """
 
     name: str
@@ -115,6 +115,7 @@ class _RobotKeys:
     relative_reach: tuple[RelativeReach, ...] = field(default=(), metadata=LATER)
     inertia_kgm2: Array | None = field(default=None, metadata=LATER)
     legs: Servo | None = field(default=None, metadata=LATER)
+    absent: tuple[str, ...] = field(default=(), metadata=LATER)
 
     def value(self) -> Robot:
         """The robot. Raises InvalidInput."""
@@ -135,6 +136,7 @@ class _RobotKeys:
             relative_reach=self.relative_reach,
             inertia_kgm2=self.inertia_kgm2,
             drawn=self.legs,
+            absent=self.absent,
         )
 
 
@@ -153,6 +155,7 @@ class Robot:
         relative_reach: where feet may be from a foot that is put down, in order of limb, then of the other.
         inertia_kgm2: about the centre of mass in the body frame, shape (3, 3) [kg m²], which leaps ask for; None for
             that of the model, if there is one.
+        absent: legs that it has beside its limbs, and whose place nobody says: their bodies are not judged.
     Raises:
         InvalidInput: for a mass that is not positive, no limbs, two of one name, a model of another mass or of other
             legs, or drawn legs beside a model.
@@ -175,6 +178,7 @@ class Robot:
     relative_reach: tuple[RelativeReach, ...] = ()
     inertia_kgm2: Array | None = None
     drawn: Servo | None = field(default=None, repr=False)
+    absent: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -192,6 +196,7 @@ class Robot:
             raise InvalidInput(f"robot {self.name}: relative_reach: expected each pair once, in order of the limbs")
         if self.inertia_kgm2 is not None:
             object.__setattr__(self, "inertia_kgm2", checked_inertia(self.inertia_kgm2, f"{where}inertia_kgm2"))
+        object.__setattr__(self, "absent", checked_members(self.absent, str, f"{where}absent"))
         if not isinstance(self.identity, str):
             raise InvalidInput(f"{where}identity: expected text, got {shown(self.identity)}")
         if self.model is not None:
@@ -232,7 +237,8 @@ class Robot:
         """JSON-ready values of its limbs, and of what makes its legs."""
         reach = {"relative_reach": to_json(self.relative_reach)} if self.relative_reach else {}
         own = {"name": self.name, "mass_kg": self.mass_kg, "limbs": to_json(self.limbs)}
-        return own | reach | self.source.to_json()
+        absent = {"absent": list(self.absent)} if self.absent else {}
+        return own | reach | self.source.to_json() | absent
 
     @property
     def source(self) -> LegSource:

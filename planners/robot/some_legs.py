@@ -22,8 +22,8 @@ def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
     """The robot on these limbs, each with the leg of its name.
 
     Other legs of its file are held as the robot stands: they weigh, and nobody looks at their shapes, since a posture
-    does not say where they are. Legs that are drawn up are drawn for these limbs alone. Its name says which legs are
-    not there, so that a verdict on it is not taken for one on the whole robot.
+    does not say where they are. Legs that are drawn up are drawn for these limbs alone. It names the legs
+    that are ``absent``, and a verdict on it says that their bodies are not judged.
 
     Arguments:
         limbs: in the order of the robot's own.
@@ -32,18 +32,17 @@ def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
         InvalidInput: for a robot whose legs are not known, and a mass that is not that of its file.
     """
     names = tuple(limb.name for limb in limbs)
-    idle = [name for name in robot.limb_names if name not in names]
-    called = f"{robot.name} without {', '.join(idle)}" if idle else robot.name
+    idle = tuple(name for name in robot.limb_names if name not in names)
     if robot.model is None:
         if robot.drawn is None:
             raise no_legs(robot.name)
-        return Robot(name=called, mass_kg=mass_kg, limbs=tuple(limbs), drawn=robot.drawn)
-    model = _on_legs(robot.model, names, called)
-    return Robot(name=called, mass_kg=mass_kg, limbs=tuple(limbs), model=model)
+        return Robot(name=robot.name, mass_kg=mass_kg, limbs=tuple(limbs), drawn=robot.drawn, absent=idle)
+    model = _on_legs(robot.model, names)
+    return Robot(name=robot.name, mass_kg=mass_kg, limbs=tuple(limbs), model=model, absent=idle)
 
 
 @lru_cache(maxsize=8)
-def _on_legs(model: RobotModel, names: tuple[str, ...], called: str) -> RobotModel:
+def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
     """The model whose other legs are part of its base, without shapes; whoever reads its URDF reads it so."""
     if names == model.leg_names:
         return model
@@ -60,7 +59,7 @@ def _on_legs(model: RobotModel, names: tuple[str, ...], called: str) -> RobotMod
                 link.remove(shape)
     again = model_of(
         ElementTree.tostring(root, encoding="unicode"), where=model.name, folder=None, hulls={},
-        feet={leg.name: leg.foot for leg in kept}, name=called,
+        feet={leg.name: leg.foot for leg in kept}, name=model.name,
         contacts={leg.name: leg.contact for leg in kept if leg.contact is not None},
         posture_rad={
             joint: angle for leg in kept for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -166,6 +166,9 @@ def check_bodies(
     bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
     keys = bodies_report(bodies, np.arange(float(len(angles))), key_postures(plan, angles), deadline=deadline)
     found = keys.group("bodies")
+    if plan.problem.robot.absent and found.verdict == "holds":
+        absent = ", ".join(plan.problem.robot.absent)
+        found = replace(found, verdict="not checked", message=f"legs {absent}: nobody says where they are")
     if plan.problem.uncarried:
         return (found,)  # nobody asks for a motion
     unchecked = NO_ANGLES if plan.joints_rad is None else LATE if time.perf_counter() > deadline else ""
