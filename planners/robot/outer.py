@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from ..files.arrays import Array
 from .leg import Leg
@@ -88,6 +87,8 @@ def _extreme(points: Array) -> Array:
     """The points whose hull is that of all; all of them where they are in one plane."""
     if len(points) < 5:
         return points
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import LinearConstraint, linprog, minimize
-from scipy.spatial import HalfspaceIntersection, QhullError
 
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
+
+if TYPE_CHECKING:
+    from scipy.spatial import HalfspaceIntersection
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,6 +33,8 @@ class Polytope:
     @cached_property
     def largest_ball(self) -> Array:
         """Centre and radius of the largest ball inside (Chebyshev), shape (4,) [m]. Raises InvalidInput for none."""
+        from scipy.optimize import linprog  # slow to import
+
         rows = np.column_stack([self.normals, np.ones(len(self.normals))])
         found = linprog([0.0, 0.0, 0.0, -1.0], rows, self.offsets_m, bounds=[(None, None)] * 3 + [(0.0, None)])
         if found.status != 0 or found.x is None or not found.x[3] > 0.0:
@@ -39,6 +43,8 @@ class Polytope:
 
     @cached_property
     def _dual(self) -> HalfspaceIntersection:
+        from scipy.spatial import HalfspaceIntersection, QhullError  # slow to import
+
         try:
             return HalfspaceIntersection(np.column_stack([self.normals, -self.offsets_m]), self.largest_ball[:3])
         except QhullError:
@@ -93,6 +99,8 @@ class Polytope:
 
         The corner that a face n looks at is low or high by the signs of n: a concave programme.
         """
+        from scipy.optimize import LinearConstraint, minimize  # slow to import
+
         rows = np.column_stack([np.minimum(self.normals, 0.0), np.maximum(self.normals, 0.0)])
 
         def loss(x: Array) -> float:

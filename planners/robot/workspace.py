@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_closing, binary_dilation, distance_transform_edt
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -89,6 +88,8 @@ class _Voxels:
     """Which voxels of space a leg's foot reaches, by random postures."""
 
     def __init__(self, leg: Leg, rng: np.random.Generator) -> None:
+        from scipy.ndimage import binary_closing  # slow to import
+
         self.size = leg.chain.length_m / VOXELS
         feet = leg.chain.feet(leg.random_angles(SAMPLES * len(leg.joints), rng))
         self.reach_m = float(np.linalg.norm(feet - leg.hip_m, axis=1).max())
@@ -103,6 +104,8 @@ class _Voxels:
 
     def polytope(self, home: Array) -> Polytope:
         """Half-spaces around the home of a foot that no unreached voxel is in."""
+        from scipy.ndimage import binary_dilation, distance_transform_edt  # slow to import
+
         walls = self._centres(binary_dilation(self.reached) & ~self.reached)
         inside = self._centres(self.reached)
         deep = distance_transform_edt(self.reached)[self.reached] * (inside[:, 2] < self.useful_m)
