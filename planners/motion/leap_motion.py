@@ -11,7 +11,6 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..robot.legged import foot_radii
 from ..robot.rotation import rotations_of
-from ..terrain.prism import Solid
 from .motion import Samples
 
 
@@ -25,7 +24,7 @@ class LeapMotion:
     def __init__(self, plan: LeapPlan) -> None:
         self.plan, leap = plan, plan.problem
         patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
-        self.solids = tuple(Solid.behind(patch) for patch in patches)
+        self.solids = tuple(patch.solid for patch in patches)
         self._normals = np.array([patch.normal for patch in patches])
         self._friction = np.array([patch.friction for patch in patches])
         self._radii = foot_radii(leap.robot)

@@ -17,7 +17,7 @@ from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.legged import foot_radii
-from ..terrain.prism import Solid
+from ..terrain.prism import Solids
 from .swing import clear_swing
 
 CLEARANCE_M = 0.05
@@ -100,7 +100,8 @@ class PlanPath:
                 f"frame {course.uncarried[0]}: expected limbs that stay and carry the robot, got a schedule that lifts "
                 "all of them at once: no position control can execute that"
             )
-        self.solids = tuple(Solid.behind(patch) for patch in course.terrain)
+        self.solids = tuple(patch.solid for patch in course.terrain)
+        self._around = Solids(self.solids)
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
         self.normals = np.array([patch.normal for patch in patches])
         self.radii_m = foot_radii(course.robot)
@@ -135,7 +136,7 @@ class PlanPath:
         for i in moving:
             swing = clear_swing(
                 (self.feet_m[old[i]], self.feet_m[new[i]]), (self.normals[old[i]], self.normals[new[i]]),
-                self._clearance_m, self.solids, float(self.radii_m[i]),
+                self._clearance_m, self._around, float(self.radii_m[i]),
             )  # fmt: skip
             corners[:, i] = swing.corners
         held = np.isin(np.arange(len(old)), moving, invert=True)

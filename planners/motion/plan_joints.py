@@ -10,7 +10,6 @@ from ..answer.plan import Plan
 from ..errors import check_time
 from ..files.arrays import Array
 from ..robot.kinematics import JointAnswer, Kinematics
-from ..terrain.prism import Solid
 
 JUMP_RAD = 0.5
 """A limb that stands, and one of whose joints would turn so far between two key frames, jumps to another posture."""
@@ -28,7 +27,7 @@ def plan_angles(
     """
     course = plan.problem
     solver = kinematics or Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
-    solids = [Solid.behind(patch) for patch in course.terrain]
+    solids = [patch.solid for patch in course.terrain]
     found = list[JointAnswer]()
     for k in range(course.frames):
         check_time(deadline)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 
@@ -10,12 +9,14 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..robot.urdf import FOOT_RADIUS_M
-from ..terrain.prism import Solid
+from ..terrain.prism import Solids
 
 KEPT_M = 0.006
 """Feet stay this far from the terrain on their path across."""
-RAISES_M = (0.0, 0.02, 0.04, 0.07, 0.10, 0.14)
-"""How much higher than usual a foot may be lifted, and how much higher it may come from."""
+RAISES_M = np.array(
+    sorted(product((0.0, 0.02, 0.04, 0.07, 0.10, 0.14), repeat=2), key=lambda pair: (sum(pair), max(pair)))
+)
+"""How much higher than usual a foot may be lifted, and how much higher it may come from, the lowest first (36, 2)."""
 SHARES = np.linspace(0.0, 1.0, 21)
 
 
@@ -44,7 +45,7 @@ def clear_swing(
     ends: tuple[Array, Array],
     normals: tuple[Array, Array],
     clearance_m: float,
-    solids: Sequence[Solid],
+    solids: Solids,
     radius_m: float = FOOT_RADIUS_M,
 ) -> Swing:
     """The lowest swing that stays off the terrain on its path across; the clearest one where none does.
@@ -52,17 +53,16 @@ def clear_swing(
     ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m]. clearance_m: least lift.
     radius_m: of the foot.
     """
-    best, most = None, -np.inf
-    for up, down in sorted(product(RAISES_M, repeat=2), key=lambda raises: (sum(raises), max(raises))):
-        swing = Swing(
-            start=ends[0], lifted=ends[0] + (clearance_m + up) * normals[0],
-            lowered=ends[1] + (clearance_m + down) * normals[1], end=ends[1],
-        )  # fmt: skip
-        path = swing.lifted + SHARES[:, None] * (swing.lowered - swing.lifted)
-        gap = min((float(solid.distance(path).min()) for solid in solids), default=np.inf) - radius_m
-        if gap >= KEPT_M:
-            return swing
-        if gap > most:
-            best, most = swing, gap
-    assert best is not None
-    return best
+    lifted = ends[0] + (clearance_m + RAISES_M[:, :1]) * normals[0]
+    lowered = ends[1] + (clearance_m + RAISES_M[:, 1:]) * normals[1]
+
+    def gaps(its: slice) -> Array:
+        paths = lifted[its, None] + SHARES[:, None] * (lowered[its] - lifted[its])[:, None]
+        return np.asarray(solids.distances(paths).min(axis=(1, 2), initial=np.inf) - radius_m)
+
+    gap = gaps(slice(1))
+    if gap[0] < KEPT_M:
+        gap = np.concatenate([gap, gaps(slice(1, None))])
+    clear = gap >= KEPT_M
+    k = int(np.argmax(clear) if clear.any() else np.argmax(gap))
+    return Swing(start=ends[0], lifted=lifted[k], lowered=lowered[k], end=ends[1])

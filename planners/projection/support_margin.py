@@ -13,7 +13,7 @@ import numpy as np
 from ..answer.plan import Plan
 from ..files.arrays import Array
 from ..problem import Problem
-from ..verify.margins import stance_margins
+from ..verify.margins import borne_share
 from .force_distribution import ForceDistribution
 
 PUSHES = (0.05, 0.025)
@@ -47,8 +47,7 @@ def pushed(course: Problem, share: float) -> Problem:
 
 def push_share(plan: Plan) -> float:
     """The largest of ``PUSHES`` that every stance of a plan bears, as it is; 0 for none."""
-    least = min(margin.push_n for margin in stance_margins(plan, pushes_alone=True))
-    return next((share for share in PUSHES if least >= share * plan.problem.weight_n), 0.0)
+    return borne_share(plan, PUSHES)
 
 
 def steady(plan: Plan, share: float) -> bool:

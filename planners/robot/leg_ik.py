@@ -7,17 +7,14 @@ family of postures gives ``kinematics`` its seeds and what it is drawn to; it ne
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..files.arrays import Array
+from ..terrain.prism import Solid, Solids
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import JOINTS, Servo, link_lengths, outward_rad
-
-if TYPE_CHECKING:
-    from ..terrain.prism import Solid
 
 Clearance = Callable[[Array], Array]
 SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]
@@ -177,13 +174,13 @@ def clearance_of(origin: Array, frame: Array, solids: Sequence[Solid], within_m:
     origin, frame: of the points in the world, shape (…, 3) and (…, 3, 3). within_m: a solid farther from the origin
     takes no part.
     """
-    near = [solid.distance(origin) < within_m for solid in solids]
+    close = Solids(solids).distances(origin.reshape(-1, 3)) < within_m
+    around = [Solids([solids[i] for i in np.flatnonzero(its).tolist()]) for its in close]
 
     def distance(points: Array) -> Array:
         world = origin[..., None, :] + points @ np.swapaxes(frame, -1, -2)
-        nearest = np.full(world.shape[:-1], np.inf)
-        for solid, close in zip(solids, near, strict=True):
-            nearest[close] = np.minimum(nearest[close], solid.distance(world[close]))
-        return nearest
+        parts = zip(around, world.reshape(-1, *world.shape[-2:]), strict=True)
+        nearest = [of.distances(its).min(axis=-1, initial=np.inf) for of, its in parts]
+        return np.asarray(nearest).reshape(world.shape[:-1])
 
     return distance

@@ -1,6 +1,6 @@
 """What a terrain is as a body: solids that links may not enter.
 
-A patch has thickness (``Solid.behind``, as the simulators have it). Patches that close around a convex body are that
+A patch has thickness (``Patch.solid``, as the simulators have it). Patches that close around a convex body are that
 body, and patches that close around another one have an inside besides.
 """
 
@@ -91,7 +91,7 @@ class Obstacles:
             if len(its) > 3 and _is_hull(corners, its):
                 convex.append(Obstacle(name=name, solid=Solid.of_corners(corners)))
                 continue
-            convex += [Obstacle(name=f"patch {i}", solid=Solid.behind(patches[i])) for i in group]
+            convex += [Obstacle(name=f"patch {i}", solid=patches[i].solid) for i in group]
             if len(its) > 3 and _closes(its):
                 fans = [fan(patch) for patch in its]
                 closed.append(ClosedSurface(name=name, triangles_m=np.concatenate(fans)))

@@ -9,6 +9,7 @@ import numpy as np
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, collect_errors, cross, read_only
+from .prism import Solid
 
 FLATNESS = 2e-3
 """Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not for a bent patch."""
@@ -65,6 +66,11 @@ class Patch:
         axes.setflags(write=False)
         return axes
 
+    @cached_property
+    def solid(self) -> Solid:
+        """The body behind it: what a limb may run into."""
+        return Solid.behind(self.vertices_m, self.normal)
+
     def with_friction(self, friction: float) -> Patch:
         """The same surface with another friction; its geometry is not looked at again. Raises InvalidInput."""
         return self._with("friction", checked(friction, "friction", least=0.0))
@@ -73,7 +79,9 @@ class Patch:
         """Another polygon in the same plane; nothing else is looked at again. Raises InvalidInput."""
         vertices = read_only(vertices_m, (None, 3), "vertices_m")
         self._check_polygon(vertices)
-        return self._with("vertices_m", vertices)
+        new = self._with("vertices_m", vertices)
+        vars(new).pop("solid", None)
+        return new
 
     def _with(self, name: str, value: object) -> Patch:
         new = object.__new__(Patch)

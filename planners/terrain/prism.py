@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.arrays import Array
-from .patch import Patch
+from ..files.arrays import Array, cross
 
 THICKNESS_M = 0.04
 FLAT_M = 1e-6
@@ -29,19 +29,25 @@ class Solid:
     triangles: NDArray[np.int_]
 
     @classmethod
-    def behind(cls, patch: Patch, thickness_m: float = THICKNESS_M) -> Solid:
-        """The patch with some thickness behind it."""
-        corners = _prism(patch, thickness_m)
+    def behind(cls, border_m: Array, normal: Array, thickness_m: float = THICKNESS_M) -> Solid:
+        """A surface with some thickness behind it.
+
+        Arguments:
+            border_m: its corners in order, shape (U, 3) [m].
+            normal: its unit normal, shape (3,).
+            thickness_m: of the solid.
+        """
+        corners = _prism(border_m, normal, thickness_m)
         count = len(corners) // 2
-        heights = corners[:count] @ patch.normal
+        heights = corners[:count] @ normal
         if np.ptp(heights) > FLAT_M:
             return cls.of_corners(corners)  # bent as far as a patch may be
         top = np.arange(count)
         then = np.roll(top, -1)
-        around = np.cross(corners[:count], corners[then]).sum(axis=0) @ patch.normal
-        sides = np.sign(around) * np.cross(corners[then] - corners[:count], patch.normal)
+        around = cross(corners[:count], corners[then]).sum(axis=0) @ normal
+        sides = np.sign(around) * cross(corners[then] - corners[:count], normal)
         sides /= np.linalg.norm(sides, axis=1)[:, None]
-        normals = np.vstack([patch.normal, -patch.normal, sides])
+        normals = np.vstack([normal, -normal, sides])
         fan = np.stack([np.zeros_like(top[2:]), top[1:-1], top[2:]], axis=1)
         walls = [np.stack([top, top + count, then], axis=1), np.stack([then, top + count, then + count], axis=1)]
         triangles = np.concatenate([fan, fan[:, ::-1] + count, *walls])
@@ -68,8 +74,24 @@ class Solid:
         return np.asarray((points @ self.normals.T - self.offsets_m).max(axis=-1))
 
 
-def _prism(patch: Patch, thickness_m: float) -> Array:
-    """The patch's border without doubled corners, then the same moved back along the normal, shape (2U, 3) [m]."""
-    border = patch.vertices_m
+class Solids:
+    """Convex bodies whose distances are measured at once."""
+
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        counts = [len(solid.offsets_m) for solid in solids]
+        self._first = np.cumsum(counts) - counts
+        self._normals = np.concatenate([solid.normals for solid in solids]) if solids else np.zeros((0, 3))
+        self._offsets_m = np.concatenate([solid.offsets_m for solid in solids]) if solids else np.zeros(0)
+
+    def distances(self, points: Array) -> Array:
+        """What ``Solid.distance`` says of each, S solids: shape (…, 3) to (…, S) [m]."""
+        if not len(self._first):
+            return np.zeros((*points.shape[:-1], 0))
+        beyond = points @ self._normals.T - self._offsets_m
+        return np.asarray(np.maximum.reduceat(beyond, self._first, axis=-1))
+
+
+def _prism(border: Array, normal: Array, thickness_m: float) -> Array:
+    """The border without doubled corners, then the same moved back along the normal, shape (2U, 3) [m]."""
     apart = np.linalg.norm(border - np.roll(border, 1, axis=0), axis=1) > 1e-9
-    return np.concatenate([border[apart], border[apart] - thickness_m * patch.normal])
+    return np.concatenate([border[apart], border[apart] - thickness_m * normal])

@@ -211,12 +211,54 @@ def verdict_yields_m(plan: Plan) -> float:
 
 def least_margins(plan: Plan) -> dict[str, StanceMargin]:
     """The margin of the stance that bears least, under each of "push_n", "support_m" and "friction_left"; the push is
-    one that moves the body."""
-    margins = stance_margins(plan, yields_m=verdict_yields_m(plan))
+    one that moves the body.
+
+    They are the least of ``stance_margins``. Of the other stances no more is known than that each bears as much, which
+    a few directions of a push say, and one program of the friction.
+    """
+    course, yields_m = plan.problem, verdict_yields_m(plan)
+    programs: dict[int, _Program] = {}
+    least: dict[str, float] = dict.fromkeys(("push_n", "support_m", "friction_left"), math.inf)
+    weakest: dict[str, Stance] = {}
+    for stance in course.stances:
+        at = _contacts(plan, stance)
+        count = len(at.friction)
+        program = programs[count] = programs.get(count) or _Program(count)
+        found = {
+            "push_n": _inner_distance(
+                program.support(at, PUSH + yields_m * _shift(at.borne)), enough=least["push_n"]
+            ),
+            "support_m": _inner_distance(program.support(at, _shift(at.borne)), enough=least["support_m"]),
+            "friction_left": _friction_left(program, at, enough=least["friction_left"]),
+        }
+        for name, value in found.items():
+            if value < least[name]:
+                least[name], weakest[name] = value, stance
+    least["push_n"] *= course.weight_n
     return {
-        name: min(margins, key=lambda margin: getattr(margin, name))
-        for name in ("push_n", "support_m", "friction_left")
+        name: StanceMargin(
+            frame=stance.frame,
+            limbs=tuple(course.robot.limb_names[limb] for limb in stance.limbs),
+            **{other: least[name] if other == name else math.nan for other in least},
+        )
+        for name, stance in weakest.items()
     }
+
+
+def borne_share(plan: Plan, shares: Sequence[float]) -> float:
+    """The largest of some shares of the weight, the largest first, that a push may have which every stance of a plan
+    bears, the body where it is; 0 for none."""
+    programs: dict[int, _Program] = {}
+    left = list(shares)
+    for stance in plan.problem.stances:
+        if not left:
+            break
+        at = _contacts(plan, stance)
+        count = len(at.friction)
+        program = programs[count] = programs.get(count) or _Program(count)
+        push = _inner_distance(program.support(at, PUSH), enough=left[0])
+        left = [share for share in left if push >= share]
+    return left[0] if left else 0.0
 
 
 def margin_group(plan: Plan) -> Group:
@@ -282,10 +324,12 @@ def _borne(course: Problem, frame: int) -> Array:
     return weight if course.wrench is None else weight - course.wrench[frame] / course.weight_n
 
 
-def _inner_distance(farthest: Callable[[Array], Array | None]) -> float:
+def _inner_distance(farthest: Callable[[Array], Array | None], enough: float = math.inf) -> float:
     """The distance from the origin to the border of a convex set that holds it, from below; 0 where it is empty.
 
-    farthest: the point of the set that is farthest in a direction.
+    Arguments:
+        farthest: the point of the set that is farthest in a direction.
+        enough: a distance that need not be known any better; what is returned may then be as small as this.
     """
     found: list[tuple[float, Array]] = []
 
@@ -302,7 +346,7 @@ def _inner_distance(farthest: Callable[[Array], Array | None]) -> float:
         outer = min(outer, look(turn))
     while outer > 0.0:
         inner, turn = _nearest_side(found)
-        if inner >= (1.0 - CLOSE) * outer or len(found) >= DIRECTIONS:
+        if inner >= min(enough, (1.0 - CLOSE) * outer) or len(found) >= DIRECTIONS:
             return max(0.0, inner)
         before = len(found)
         outer = min(outer, look(turn))
@@ -323,18 +367,23 @@ def _nearest_side(found: Sequence[tuple[float, Array]]) -> tuple[float, float]:
     return (nearest, facing) if math.isfinite(nearest) else (0.0, 0.0)
 
 
-def _friction_left(program: _Program, at: _Contacts) -> float:
-    """The largest share of the friction without which there are still forces, from below."""
+def _friction_left(program: _Program, at: _Contacts, enough: float = math.inf) -> float:
+    """The largest share of the friction without which there are still forces, from below.
+
+    enough: a share that need not be known any better; where there are forces without it, it is what is returned.
+    """
     held = np.zeros((6, 2))
 
     def stands(share: float) -> bool:
         return program.support(at, held, share)(np.zeros(2)) is not None
 
-    enough, little = 1.0, 0.0
+    if enough <= 1.0 and stands(1.0 - enough):
+        return enough
+    most, little = 1.0, 0.0
     for _ in range(FRICTION_STEPS):
-        middle = 0.5 * (enough + little)
+        middle = 0.5 * (most + little)
         if stands(middle):
-            enough = middle
+            most = middle
         else:
             little = middle
-    return 1.0 - enough
+    return 1.0 - most

@@ -9,7 +9,6 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
-from stancekit.planners.terrain.prism import Solid
 
 from .contact import points
 from .simulated_body import simulated_body
@@ -127,7 +126,7 @@ class BulletWorld(SimulatedWorld):
             self._still(shape, middle, terrain.friction)
             return
         for patch in terrain:
-            solid = Solid.behind(patch)
+            solid = patch.solid
             middle = solid.corners.mean(axis=0)
             shape = bullet.createCollisionShape(
                 bullet.GEOM_MESH, vertices=(solid.corners - middle).tolist(), indices=solid.triangles.ravel().tolist(),

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
-from stancekit.planners.terrain.prism import Solid
 
 from .contact import points
 from .simulated_body import simulated_body
@@ -214,7 +213,7 @@ class MujocoWorld(SimulatedWorld):
             )
             return
         for index, patch in enumerate(terrain):
-            spec.add_mesh(name=f"patch_{index}", uservert=Solid.behind(patch).corners.ravel())
+            spec.add_mesh(name=f"patch_{index}", uservert=patch.solid.corners.ravel())
             spec.worldbody.add_geom(
                 type=kinds.mjGEOM_MESH, meshname=f"patch_{index}", **rubbing(patch.friction), **contact
             )

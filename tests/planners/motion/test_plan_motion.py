@@ -16,7 +16,7 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search.plan_window import with_pause
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.prism import Solid
+from stancekit.planners.terrain.prism import Solid, Solids
 from stancekit.runner.motion.other_forces import LoadTransfer
 
 
@@ -114,7 +114,7 @@ def test_nothing_leaps(motion: PlanMotion) -> None:
 
 
 def test_feet_in_the_air_stay_off_the_terrain(motion: PlanMotion) -> None:
-    solids = [Solid.behind(patch) for patch in motion.plan.problem.terrain]
+    solids = [patch.solid for patch in motion.plan.problem.terrain]
     looked_at = 0
     for time in times(motion):
         now = motion.at(float(time))
@@ -134,12 +134,12 @@ def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
     )
     ends = (np.array([-0.02, 0.0, FOOT_RADIUS_M]), np.array([0.15, 0.0, 0.09 + FOOT_RADIUS_M]))
     up = np.array([0.0, 0.0, 1.0])
-    solids = [Solid.behind(low), Solid.behind(high, 0.09)]
-    swing = clear_swing(ends, (up, up), 0.05, solids)
+    solids = [low.solid, Solid.behind(high.vertices_m, high.normal, 0.09)]
+    swing = clear_swing(ends, (up, up), 0.05, Solids(solids))
     assert swing.lengths_m[0] > 0.05
     way = swing.lifted + np.linspace(0.0, 1.0, 200)[:, None] * (swing.lowered - swing.lifted)
     assert min(solid.distance(way).min() for solid in solids) > FOOT_RADIUS_M
-    flat = clear_swing((ends[0], ends[0] + [-0.1, 0.0, 0.0]), (up, up), 0.05, solids[:1])
+    flat = clear_swing((ends[0], ends[0] + [-0.1, 0.0, 0.0]), (up, up), 0.05, Solids(solids[:1]))
     assert flat.lengths_m == pytest.approx((0.05, 0.1, 0.05))
 
 

@@ -19,7 +19,7 @@ from stancekit.planners.robot.shapes import Kind, Shape
 from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Obstacles
-from stancekit.planners.terrain.prism import THICKNESS_M, Solid
+from stancekit.planners.terrain.prism import THICKNESS_M
 from tests.planners.robot.made_robots import made_robots
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -242,7 +242,7 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
     for first, second in made.drawn_so:
         spec.add_exclude(bodyname1=first, bodyname2=second)
     for index, patch in enumerate(patches):
-        spec.add_mesh(name=f"patch {index}", uservert=Solid.behind(patch).corners.ravel())
+        spec.add_mesh(name=f"patch {index}", uservert=patch.solid.corners.ravel())
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"patch {index}", name=f"patch {index}")
     model = spec.compile()
     data, pairs, between = mujoco.MjData(model), 0, 0

@@ -15,7 +15,7 @@ TRIANGLE = Patch(
 
 
 def test_its_triangles_are_closed_and_turned_outwards() -> None:
-    solid = Solid.behind(TRIANGLE)
+    solid = TRIANGLE.solid
     a, b, c = (solid.corners[solid.triangles[:, i]] for i in range(3))
     areas = 0.5 * np.cross(b - a, c - a)
     np.testing.assert_allclose(areas.sum(axis=0), 0.0, atol=1e-12)
@@ -24,7 +24,7 @@ def test_its_triangles_are_closed_and_turned_outwards() -> None:
 
 
 def test_it_lies_behind_the_surface() -> None:
-    solid = Solid.behind(TRIANGLE)
+    solid = TRIANGLE.solid
     assert solid.corners[:, 2].max() == pytest.approx(1.0)
     inside, above, below = solid.distance(np.array([[0.1, 0.1, 0.99], [0.1, 0.1, 1.2], [0.1, 0.1, 0.9]]))
     assert inside < 0.0
@@ -34,7 +34,7 @@ def test_it_lies_behind_the_surface() -> None:
 
 @given(st.tuples(*[st.floats(-1.0, 2.0)] * 3))
 def test_the_distance_is_never_more_than_the_true_one(point: tuple[float, float, float]) -> None:
-    solid = Solid.behind(TRIANGLE)
+    solid = TRIANGLE.solid
     shares = np.random.default_rng(0).dirichlet(np.ones(len(solid.corners)), 500)
     nearest = np.linalg.norm(shares @ solid.corners - np.array(point), axis=1).min()
     assert solid.distance(np.array([point]))[0] <= nearest + 1e-12
@@ -44,7 +44,7 @@ def test_a_corner_that_is_given_twice_does_no_harm() -> None:
     doubled = Patch(
         vertices_m=TRIANGLE.vertices_m[[0, 1, 1, 2]], normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5
     )
-    assert len(Solid.behind(doubled).corners) == 6
+    assert len(doubled.solid.corners) == 6
 
 
 def test_it_is_the_hull_of_its_corners_whichever_way_its_border_turns() -> None:
@@ -54,7 +54,7 @@ def test_it_is_the_hull_of_its_corners_whichever_way_its_border_turns() -> None:
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         border = rng.normal(size=3) + 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=1) @ axes[:2]
         patch = Patch(vertices_m=border, normal=axes[2], shear_reference=axes[0], friction=0.5)
-        solid, hull = Solid.behind(patch), Solid.of_corners(Solid.behind(patch).corners)
+        solid, hull = patch.solid, Solid.of_corners(patch.solid.corners)
         points = border.mean(axis=0) + rng.normal(size=(200, 3))
         np.testing.assert_allclose(solid.distance(points), hull.distance(points), atol=1e-9)
         volumes = [np.linalg.det(of.corners[of.triangles]).sum() / 6.0 for of in (solid, hull)]
