@@ -10,6 +10,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr
+from dataclasses import fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
@@ -138,7 +139,7 @@ def parse(arguments: Sequence[str]) -> Verb:
             sys.exit(2)
     box = io.StringIO()
     try:
-        with redirect_stderr(box), _flowing() if {"-h", "--help"} & set(arguments) else nullcontext():
+        with redirect_stderr(box), _texts(told=bool({"-h", "--help"} & set(arguments))):
             return tyro.cli(
                 _verb(arguments[0]),
                 prog=f"stancekit {arguments[0]}",
@@ -152,15 +153,22 @@ def parse(arguments: Sequence[str]) -> Verb:
 
 
 @contextmanager
-def _flowing() -> Iterator[None]:
-    """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and breaks them, too."""
+def _texts(*, told: bool) -> Iterator[None]:
+    """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and breaks them, too.
+
+    told: whether they are shown; else they are not read from the source at all, which takes as long as the rest.
+    """
     import docstring_parser
     from tyro._docstrings import parse_docstring_from_object as kept
 
     plain = docstring_parser.parse_from_object
 
-    def flowing(*given: Any, **named: Any) -> docstring_parser.Docstring:
-        found = plain(*given, **named)
+    def flowing(of: Any, *given: Any, **named: Any) -> docstring_parser.Docstring:
+        if not told and is_dataclass(of):
+            silent = docstring_parser.Docstring()
+            silent.meta += [docstring_parser.DocstringParam([], "", item.name, None, None, None) for item in fields(of)]
+            return silent
+        found = plain(of, *given, **named)
         for each in found.params:
             each.description = " ".join((each.description or "").split())
         return found
@@ -171,6 +179,7 @@ def _flowing() -> Iterator[None]:
         yield
     finally:
         docstring_parser.parse_from_object = plain
+        kept.cache_clear()
 
 
 def _option(argument: str) -> str:
