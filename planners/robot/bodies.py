@@ -160,11 +160,12 @@ class Bodies:
         """How deep the link of an overlap is inside the same other thing in another posture, negative outside [m]; of
         the terrain the ground alone."""
         one = body.moments
-        (turns,), (origins,) = self._in_world(one, self._placed(one.angles))
+        world = self._in_world(one, self._placed(one.angles))
         own, others = ([k for k, link in enumerate(self.links) if link == n] for n in (overlap.link, overlap.other))
         if self._in_ground is not None and overlap.other == Ground.name:
-            return max(self._in_ground.depth(turns, origins, i) for i in own)
-        return max(-self._distance(turns, origins, i, j) for i in own for j in others)
+            return max(self._in_ground.depth(world[0][0], world[1][0], i) for i in own)
+        apart = self._distances(world)
+        return max(-apart(0, i, j) for i in own for j in others)
 
     def _placed(self, angles: Array) -> tuple[Array, Array]:
         """R_BS and p_BS of every shape at T postures, shapes (T, S, 3, 3) and (T, S, 3) [m]."""
@@ -276,8 +277,10 @@ class Bodies:
         """
         deep_m, on_way_m = limits_m[0], max(limits_m)
 
+        numbers, apart_m = pairs.tolist(), self._distances(placed, terrain=terrain)
+
         def measure(t: int, k: int) -> float:
-            return self._distance(placed[0][t], placed[1][t], *pairs[k].tolist(), terrain=terrain)
+            return apart_m(t, *numbers[k])
 
         bounds = bounds.measured(measure, -deep_m, between=False)
         if between is not None:
@@ -300,10 +303,9 @@ class Bodies:
             )
             t, k, share, apart, ends = t[open_], k[open_], share[open_], apart[open_], [end[open_] for end in ends]
             middle, its = share.mean(axis=1), np.arange(len(t))
-            turns, origins = halfway = between(t, middle)
-            found = np.array(
-                [self._distance(turns[n], origins[n], *pairs[k[n]].tolist(), terrain=terrain) for n in its]
-            )
+            halfway = between(t, middle)
+            apart_m = self._distances(halfway, terrain=terrain)
+            found = np.array([apart_m(n, *numbers[k[n]]) for n in its.tolist()])
             deep = np.flatnonzero(found < -on_way_m)
             yield from zip((t[deep] + middle[deep]).tolist(), k[deep].tolist(), (-found[deep]).tolist(), strict=True)
             corners = self._corners_of(halfway, moving[k])
@@ -336,10 +338,11 @@ class Bodies:
     ) -> list[tuple[int, int, Near]]:
         """Those that are nearer, as moment, pair and what is known of them."""
         found = list[tuple[int, int, Near]]()
+        numbers, apart_m = pairs.tolist(), self._distances(world, terrain=terrain)
 
         def measure(t: int, k: int) -> float:
-            i, j = pairs[k].tolist()
-            distance = self._distance(world[0][t], world[1][t], i, j, terrain=terrain)
+            i, j = numbers[k]
+            distance = apart_m(t, i, j)
             if distance < within_m:
                 points = np.array([self._result.getNearestPoint1(), self._result.getNearestPoint2()])
                 name = self._terrain.convex[j].name if terrain else self.links[j]
@@ -373,21 +376,45 @@ class Bodies:
         turns, origins = self._placed(np.vstack([standing, lower + (upper - lower) * _spread(POSTURES, len(lower))]))
         pairs, bounds = self._links_apart((turns, origins), 0.0)
         always = pairs[np.all(bounds.least < 0.0, axis=0)].tolist()
+        apart = self._distances((turns, origins))
         named = [
             sorted((self.links[i], self.links[j]), key=self.links.index) for i, j in always
-            if all(self._distance(turn, origin, i, j) < 0.0 for turn, origin in zip(turns, origins, strict=True))
+            if all(apart(t, i, j) < 0.0 for t in range(len(turns)))
         ]  # fmt: skip
         return tuple(dict.fromkeys((one, other) for one, other in named))
 
-    def _distance(self, turns: Array, origins: Array, shape: int, other: int, *, terrain: bool = False) -> float:
-        """Between a shape and another one, or a part of the terrain, negative where one is inside the other [m]."""
-        coal = self._coal
-        here = coal.Transform3s(turns[shape], origins[shape])
-        there = self._here if terrain else coal.Transform3s(turns[other], origins[other])
+    def _distances(
+        self, placed: tuple[Array, Array], *, terrain: bool = False
+    ) -> Callable[[int, int, int], float]:
+        """The function of a moment, a shape and another one, or a part of the terrain, that measures how far they are
+        apart, negative where one is inside the other [m].
+
+        placed: R and p of the S shapes at T moments, shapes (T, S, 3, 3) and (T, S, 3) [m].
+        """
+        (turns, origins), transform = placed, self._coal.Transform3s
+        made = dict[tuple[int, int], Any]()
+
+        def at(t: int, shape: int) -> Any:
+            if (found := made.get((t, shape))) is None:
+                found = made[t, shape] = transform(turns[t, shape], origins[t, shape])
+            return found
+
+        def apart(t: int, shape: int, other: int) -> float:
+            there = self._here if terrain else at(t, other)
+            its = turns[t], origins[t]
+            return self._distance(its, (at(t, shape), there), shape, other, terrain=terrain)
+
+        return apart
+
+    def _distance(
+        self, placed: tuple[Array, Array], transforms: tuple[Any, Any], shape: int, other: int, *, terrain: bool
+    ) -> float:
+        """Between a shape and another one, or a part of the terrain; placed: R and p of the S shapes at one moment."""
+        (turns, origins), (here, there) = placed, transforms
 
         def between(one: Any, two: Any) -> float:
             self._result.clear()
-            return float(coal.distance(one, here, two, there, self._request, self._result))
+            return float(self._coal.distance(one, here, two, there, self._request, self._result))
 
         whole = self._solids[other] if terrain else self._geometry[other]
         apart_m = between(self._geometry[shape], whole)

@@ -108,8 +108,9 @@ class Chain:
         """Vectors of shape (3, M, K) in the frame before."""
         if not self.slides[joint]:
             cosine, sine, (x, y, z) = np.cos(angles), np.sin(angles), vectors
-            vectors = np.stack([cosine * x - sine * y, sine * x + cosine * y, z])
-        return np.asarray(np.tensordot(self.steps[joint], vectors, axes=1))
+            vectors = np.empty_like(vectors)
+            vectors[0], vectors[1], vectors[2] = cosine * x - sine * y, sine * x + cosine * y, z
+        return np.asarray((self.steps[joint] @ vectors.reshape(3, -1)).reshape(vectors.shape))
 
     def _shift(self, joint: int, angles: Array) -> Array:
         """The frame's origin in the frame before, shape (3, K)."""
