@@ -84,14 +84,16 @@ def _below(polygon: Array, heights: Array) -> Array:
     """The part of a polygon where the heights of its corners, linear between them, are not positive."""
     if heights.max() <= 0.0:
         return polygon
-    corners, ahead = list[Array](), _following(polygon)
-    for here, there, h, g in zip(polygon, polygon[ahead], heights.tolist(), heights[ahead].tolist(), strict=True):
+    corners, points, high = list[tuple[float, float]](), polygon.tolist(), heights.tolist()
+    ahead = zip(points[1:] + points[:1], high[1:] + high[:1], strict=True)
+    for (x, y), h, ((to_x, to_y), g) in zip(points, high, ahead, strict=True):
         if h <= 0.0:
-            corners.append(here)
+            corners.append((x, y))
         if (h < 0.0 < g) or (g < 0.0 < h):
-            corners.append(here + h / (h - g) * (there - here))
-    pairs = zip(corners, [*corners[-1:], *corners[:-1]], strict=True)
-    kept = [corner for corner, before in pairs if abs(corner - before).max() > 1e-9]
+            share = h / (h - g)
+            corners.append((x + share * (to_x - x), y + share * (to_y - y)))
+    pairs = zip(corners, corners[-1:] + corners[:-1], strict=True)
+    kept = [(x, y) for (x, y), (before_x, before_y) in pairs if max(abs(x - before_x), abs(y - before_y)) > 1e-9]
     return np.array(kept) if len(kept) >= 3 else np.zeros((0, 2))
 
 
