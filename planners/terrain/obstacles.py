@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.arrays import Array
+from ..files.arrays import Array, cross, lengths
 from .ground import Ground as Ground
 from .patch import Patch
 from .prism import Solid
@@ -25,6 +25,8 @@ WELD_M = 1e-6
 """Corners of patches that are closer are one."""
 SAME_AREA = 1e-4
 """A convex body's patches are as large as its hull, up to this share."""
+BLOCK = 10_000
+"""So many triangles are looked at together, seen from some points."""
 INSIDE = 0.9
 """Winding number of a point that a closed surface holds: 1, less what the facets cover that readers leave out."""
 
@@ -48,13 +50,14 @@ class ClosedSurface:
         """Which points, shape (K, 3), are inside: by the winding number, the sum of the triangles' solid angles by 4π
         (Van Oosterom and Strackee, 1983; Jacobson et al., 2013). Shape (K,)."""
         within = np.all((points > self.triangles_m.min((0, 1))) & (points < self.triangles_m.max((0, 1))), axis=1)
-        found = np.zeros(len(points), dtype=bool)
-        for k in np.flatnonzero(within):
-            a, b, c = np.moveaxis(self.triangles_m - points[k], 1, 0)
-            la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-            volume = np.vecdot(a, np.cross(b, c))
+        found, size = np.zeros(len(points), dtype=bool), 1 + BLOCK // len(self.triangles_m)
+        open_ = np.flatnonzero(within)
+        for its in (open_[begin : begin + size] for begin in range(0, len(open_), size)):
+            a, b, c = (self.triangles_m[:, i] - points[its, None] for i in range(3))
+            la, lb, lc = (lengths(v) for v in (a, b, c))
+            volume = np.vecdot(a, cross(b, c))
             rest = la * lb * lc + np.vecdot(a, b) * lc + np.vecdot(b, c) * la + np.vecdot(c, a) * lb
-            found[k] = np.arctan2(volume, rest).sum() / (2.0 * np.pi) > INSIDE
+            found[its] = np.arctan2(volume, rest).sum(axis=1) / (2.0 * np.pi) > INSIDE
         return found
 
     def depth(self, point: Array) -> float:
