@@ -94,9 +94,11 @@ def checkouts(against: Path | None) -> dict[str, Path]:
 
 
 def of_checkout(folder: Path) -> dict[str, str]:
-    """The environment of a process that runs a checkout's packages; typings: in older ones."""
+    """The environment of a process that runs a checkout's packages, compiled modules kept as a user's are; typings: in
+    older ones."""
     paths = f"{folder / '.editable'}{os.pathsep}{folder / 'typings'}"
-    return {**os.environ, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    own = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return {**own, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def resting(joints: Iterable[str], start: ArrayLike, port: str, **settings: Any) -> Calibration:
