@@ -137,19 +137,24 @@ def parse(arguments: Sequence[str]) -> Verb:
                 f"stancekit: error: {name}: expected once, got it {count} times; see stancekit {arguments[0]} --help"
             )
             sys.exit(2)
-    box = io.StringIO()
-    try:
-        with redirect_stderr(box), _texts(told=bool({"-h", "--help"} & set(arguments))):
-            return tyro.cli(
-                _verb(arguments[0]),
-                prog=f"stancekit {arguments[0]}",
-                args=arguments[1:],
-                config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-            )
-    except SystemExit as end:
-        if end.code:
-            complain(f"stancekit: error: {slip(box.getvalue())}; see stancekit {arguments[0]} --help")
-        raise
+    asks, verb = bool({"-h", "--help"} & set(arguments)), _verb(arguments[0])
+    for told in (asks, True):  # what is refused is said with the options' texts
+        box = io.StringIO()
+        try:
+            with redirect_stderr(box), _texts(told=told):
+                return tyro.cli(
+                    verb,
+                    prog=f"stancekit {arguments[0]}",
+                    args=arguments[1:],
+                    config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+                )
+        except SystemExit as end:
+            if not told and end.code:
+                continue
+            if end.code:
+                complain(f"stancekit: error: {slip(box.getvalue())}; see stancekit {arguments[0]} --help")
+            raise
+    raise AssertionError("one of the two has returned or ended")
 
 
 @contextmanager
