@@ -168,12 +168,12 @@ def _texts(*, told: bool) -> Iterator[None]:
 
     plain = docstring_parser.parse_from_object
 
-    def flowing(of: Any, *given: Any, **named: Any) -> docstring_parser.Docstring:
-        if not told and is_dataclass(of):
+    def flowing(*given: Any, **named: Any) -> docstring_parser.Docstring:
+        if not told and is_dataclass(of := given[0]):
             silent = docstring_parser.Docstring()
             silent.meta += [docstring_parser.DocstringParam([], "", item.name, None, None, None) for item in fields(of)]
             return silent
-        found = plain(of, *given, **named)
+        found = plain(*given, **named)
         for each in found.params:
             each.description = " ".join((each.description or "").split())
         return found

@@ -78,7 +78,7 @@ class Solids:
     """Convex bodies whose distances are measured at once."""
 
     def __init__(self, solids: Sequence[Solid]) -> None:
-        counts = [len(solid.offsets_m) for solid in solids]
+        counts = np.array([len(solid.offsets_m) for solid in solids], dtype=np.int_)
         self._first = np.cumsum(counts) - counts
         self._normals = np.concatenate([solid.normals for solid in solids]) if solids else np.zeros((0, 3))
         self._offsets_m = np.concatenate([solid.offsets_m for solid in solids]) if solids else np.zeros(0)

@@ -163,9 +163,7 @@ def _shift(borne: Array) -> Array:
     return np.array([*np.zeros((3, 2)), [0.0, -z], [z, 0.0], [-y, x]])
 
 
-def stance_margins(
-    plan: Plan, *, pushes_alone: bool = False, yields_m: float = 0.0
-) -> tuple[StanceMargin, ...]:
+def stance_margins(plan: Plan, *, pushes_alone: bool = False, yields_m: float = 0.0) -> tuple[StanceMargin, ...]:
     """The margin of every stance of a plan, in the order of ``Problem.stances``.
 
     pushes_alone: measure the pushes, and leave the rest at nan. yields_m: how far the body gives way under a push as
@@ -225,9 +223,7 @@ def least_margins(plan: Plan) -> dict[str, StanceMargin]:
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
         found = {
-            "push_n": _inner_distance(
-                program.support(at, PUSH + yields_m * _shift(at.borne)), enough=least["push_n"]
-            ),
+            "push_n": _inner_distance(program.support(at, PUSH + yields_m * _shift(at.borne)), enough=least["push_n"]),
             "support_m": _inner_distance(program.support(at, _shift(at.borne)), enough=least["support_m"]),
             "friction_left": _friction_left(program, at, enough=least["friction_left"]),
         }
