@@ -185,7 +185,7 @@ def doubt(task: Walk, total_s: float) -> None:
 
 
 def advise(one: Attempted) -> None:
-    """Say what may help a walk that was refused for the robot's own legs alone, and one whose feet were to stand sure."""
+    """Say what may help where the robot's own legs alone cannot do a walk, or where feet were to stand sure."""
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
     wrong = {group.name for group in one.report.refused}
