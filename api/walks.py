@@ -16,7 +16,7 @@ from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt, Progress
 from stancekit.planners.gait.method.checkpoint import Checkpoint as Checkpoint
-from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, plan_gait
+from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, footing_of, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.interrupts import interruptible
@@ -29,7 +29,7 @@ from stancekit.planners.terrain.terrain import Terrain
 from .upgrading import old_arguments
 
 OF_WALK = ("start_yaw_rad", "end_yaw_rad", "friction", "adhesive", "suction_n", "cycle_s", "timings")
-OF_SEARCH = ("total_iterations", "max_iterations", "dynamics", "hessian", "raw", "seeds", "seed")
+OF_SEARCH = ("total_iterations", "max_iterations", "dynamics", "hessian", "footing", "raw", "seeds", "seed")
 """Fields of a ``Walk``; limits and settings of the solves: what ``walk`` takes by their names."""
 LIMITS = {True: 80, False: 200}
 """Iterations of one solve in a portfolio, and in one chart."""
@@ -75,7 +75,9 @@ def walk(
             weight where it is missing [N]), cycle_s (of the gait; its own where it is missing [s]), timings. Beside
             them total_iterations, a limit of the solvers' iterations: with a ``time_limit_s`` that is never met, 1e6,
             the walk is the same on a busy computer; max_iterations of one solve (80 in a portfolio, 200 in one chart),
-            dynamics ("centred", "printed" as in the paper, "newton-euler"), hessian ("exact", "lbfgs"), raw (True takes
+            dynamics ("centred", "printed" as in the paper, "newton-euler"), hessian ("exact", "lbfgs"), footing (the
+            steepest ground within 15 mm of where a foot stands, as a share of the slope on which friction holds; 0 for
+            no such limit; .6 where the ground on the way has such places and this is missing), raw (True takes
             the first feasible point as it is), seeds (how many initial guesses of each chart to try, the smoothest
             accepted walk is kept) and seed (of the perturbed ones).
     Returns:
@@ -130,6 +132,7 @@ def search_of(
     max_iterations: int | None = None,
     dynamics: Any = "centred",
     hessian: Any = "exact",
+    footing: float | None = None,
     raw: bool = False,
     seeds: int = 1,
     seed: int = 0,
@@ -140,6 +143,8 @@ def search_of(
     checked_int(seed, "seed", least=0)
     if max_iterations is not None:
         checked_int(max_iterations, "max_iterations", least=1)
+    if footing is not None:
+        checked_number(footing, "footing", least=0.0)
     check_argument("raw", raw, bool)
     several = chart == "portfolio"
     most = max_iterations or LIMITS[several]
@@ -150,7 +155,9 @@ def search_of(
         caps = replace(caps, smoothing=Smoothing(rounds=0), densifications=0)
     each = default_attempts(asked) if several else [Attempt(chart=chart)]
     attempts = [one.perturbed(seed + k) if k else one for one in each for k in range(seeds)]
-    return GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most), caps, attempts
+    settings = GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most)
+    sure = footing_of(asked, settings) if footing is None else footing
+    return replace(settings, footing=sure), caps, attempts
 
 
 def walked(

@@ -5,6 +5,7 @@
     python benchmarks/stands.py play FILE.json ... --out LINES.jsonl [--mass 1.1 --friction .85 --delay-ms 15]
     python benchmarks/stands.py push FOLDER|FILE.json ... --out LINES.jsonl [--stances 40 --seed 0]
     python benchmarks/stands.py table FOLDER
+    python benchmarks/stands.py layouts FOLDER [--robots ...] [--grounds ...] [--draws 1] [--limit-s 20] [--write]
 
 The list, its limits, and how grounds are scaled are in stands/list.yaml; the referee, benchmarks/referee, imports
 nothing of the package, and its settings are in stands/referee.yaml. Robots of example-robot-data and pybullet_data need
@@ -21,6 +22,8 @@ push: stances of plans drawn by seed, each pushed at the base in eight direction
 worst of them against what the verifier says that the stance bears.
 table: shares with 95 % intervals (Wilson), by robot and by ground: of the list those accepted; of those that stood in
 the referee with feedback and without, and in the package's own run (world; what it refuses does not stand there).
+layouts: entries that have no plan over the layout that is asked for, over each of the others alone; the table of
+successes that says in which order the package tries them, and --write puts it there.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
+import _stand_layouts as layouts
 import _stand_pushes as pushes
 import numpy as np
 import tyro
@@ -49,19 +53,15 @@ WAYS = {"referee": Wrong(), "referee_feedback": Wrong(feedback=True)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan(Options):
-    """Plan the list, or what is left of it."""
+class Listed(Options):
+    """Entries of the list."""
 
-    out: Path
-    """Folder of plan files and lines; what is there stays."""
     first: int | None = None
     """So many entries, in the list's order."""
     robots: tuple[str, ...] = ()
     grounds: tuple[str, ...] = ()
     draws: tuple[int, ...] = ()
     listed: Path = LIST
-    starved: bool = False
-    """Plan again what was not planned because other processes had the processors."""
 
     def chosen(self) -> Iterator[Entry]:
         """The entries that are asked for."""
@@ -75,6 +75,16 @@ class Plan(Options):
                 not some or value in some for value, some in wanted
             ):
                 yield entry
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(Listed):
+    """Plan the list, or what is left of it."""
+
+    out: Path
+    """Folder of plan files and lines; what is there stays."""
+    starved: bool = False
+    """Plan again what was not planned because other processes had the processors."""
 
     def run(self) -> None:
         """Plan what is not there yet."""
@@ -189,6 +199,30 @@ class Table(Options):
             self.say(shares(name, some, played), line)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Layouts(Listed):
+    """Try layouts one by one, and make the table of successes."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    limit_s: float = 20.0
+    """Of one layout; what is not decided by then has no plan."""
+    write: bool = False
+    """Write the table into the package."""
+
+    def run(self) -> None:
+        """Try what is not there yet, and print the table."""
+        lines = Lines(self.folder / "layouts.jsonl")
+        for entry in self.chosen():
+            for row in layouts.rows(entry, self.folder, lines, self.limit_s):
+                self.say(row)
+        tables = layouts.table(list(lines.rows.values()))
+        for missing, rows in tables.items():
+            for row in rows:
+                self.say({"missing": missing, **row})
+        if self.write:
+            layouts.write(tables)
+
+
 def found_files(paths: Sequence[Path]) -> list[Path]:
     """The accepted plans of folders of ``plan``, and files as they are."""
     found = list[Path]()
@@ -278,7 +312,7 @@ def main() -> None:
     """Do what is asked for."""
     with threadpool_limits(1):
         asked = tyro.extras.subcommand_cli_from_dict(
-            {"plan": Plan, "play": Play, "push": Pushes, "table": Table}, description=__doc__
+            {"plan": Plan, "play": Play, "push": Pushes, "table": Table, "layouts": Layouts}, description=__doc__
         )
         asked.run()
 

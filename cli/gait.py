@@ -77,6 +77,9 @@ class PlanGait:
     """Time to walk [s]."""
     friction: float = 0.75
     """Friction coefficient of the terrain."""
+    footing: OptionalFloat = None
+    """The steepest ground within 15 mm of where a foot stands, as a share of the slope on which friction holds; 0 for
+    no such limit. Without it 0.6 where the ground on the way has such places."""
     adhesive: Annotated[str, tyro.conf.arg(metavar="FEET")] = ""
     """Feet that stick, e.g. LF,RF: they may pull."""
     suction_n: OptionalFloat = None
@@ -190,6 +193,7 @@ class PlanGait:
                 max_iterations=self.max_iterations,
                 dynamics=self.dynamics,
                 hessian=self.hessian,
+                footing=self.footing,
                 raw=self.raw,
                 seeds=self.seeds,
                 seed=self.seed,
@@ -210,9 +214,7 @@ class PlanGait:
         signals = (signal.SIGINT, signal.SIGTERM)
         try:
             with watching(self.terrain) as show:
-                return walked(
-                    task, settings, caps, attempts, progress=show, checkpoint=checkpoint, signals=signals
-                )
+                return walked(task, settings, caps, attempts, progress=show, checkpoint=checkpoint, signals=signals)
         except InvalidInput as error:
             raise InvalidInput(gait_options.in_options(str(error))) from None
         except KeyboardInterrupt:

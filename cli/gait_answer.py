@@ -185,7 +185,7 @@ def doubt(task: Walk, total_s: float) -> None:
 
 
 def advise(one: Attempted) -> None:
-    """Say what may help where all that is wrong with a walk is what the robot's own legs are asked for."""
+    """Say what may help where the robot's own legs alone cannot do a walk, or where feet were to stand sure."""
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
     wrong = {group.name for group in one.report.refused}
@@ -194,3 +194,5 @@ def advise(one: Attempted) -> None:
             "only the robot's own legs cannot do it: more time (--duration-s), a walk in place of a trot (--gait walk) "
             "or a smoother map (--smooth-m) may help"
         )
+    elif one.solution.program.settings.footing:
+        err.print("feet may stand on edges, too, and slip there, with --footing 0")

@@ -46,7 +46,7 @@ def in_options(message: str) -> str:
     for part in message.split("; "):
         name, colon, rest = part.partition(":")
         same = (
-            "duration_s", "friction", "gait", "cycle_s", "timings", "adhesive", "robot", "seeds", "seed",
+            "duration_s", "friction", "gait", "cycle_s", "timings", "adhesive", "footing", "robot", "seeds", "seed",
             "max_iterations", "dynamics", "hessian",
         )  # fmt: skip
         known = names.get(name, name if name in same else "")

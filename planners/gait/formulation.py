@@ -13,6 +13,7 @@ from .constraints.contact import contact
 from .constraints.durations import durations
 from .constraints.dynamics import dynamics
 from .constraints.ends import goal, heading_end, start, still_end, still_start
+from .constraints.footing import footing
 from .constraints.reach import reach
 from .constraints.swing import swing
 from .constraints.trunk import trunk
@@ -28,6 +29,7 @@ def terms(structure: Structure) -> list[Constraint]:
         dynamics(structure),
         contact(structure),
         cone(structure),
+        footing(structure),
         reach(structure),
         *swing(structure),
         trunk(structure),

@@ -29,6 +29,8 @@ class GaitSettings:
         reach_margin_m: kept in hand inside the reach boxes [m].
         clearance_m: of swinging feet in the middle of a swing [m]; swing_height_m: the same in the initial guess.
         trunk_clearance_m: of the trunk's lower face over the terrain [m], None for no such term.
+        footing: the steepest ground about where a foot stands, as a share of the slope on which friction holds; 0 for
+            no such term.
         swing_nodes: checks of a swing between its ends where the chart does not flatten the terrain.
         smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's terrain [m].
         switch_slack_s: how far optimised switching times may move [s].
@@ -52,6 +54,7 @@ class GaitSettings:
     clearance_m: float = 0.02
     swing_height_m: float = 0.08
     trunk_clearance_m: float | None = 0.01
+    footing: float = 0.0
     swing_nodes: int = 5
     smoothing_m: float = 0.3
     switch_slack_s: float = 0.1
@@ -63,7 +66,9 @@ class GaitSettings:
         checked_choice(self.dynamics, "dynamics", get_args(Dynamics))
         checked_choice(self.hessian, "hessian", ("exact", "lbfgs"))
         above = ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m")
-        check_numbers(self, above=above, least=("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s"))
+        check_numbers(
+            self, above=above, least=("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s", "footing")
+        )
         if self.mean_forces and self.dynamics != "centred":
             raise InvalidInput(f"mean_forces: expected centred dynamics with it, got {self.dynamics}")
         for name in ("max_iterations", "swing_nodes"):

@@ -1,11 +1,15 @@
 """Other ways to lay a course out: wider, lower or higher stances, more candidates, another order of the limbs.
 
-None is better everywhere. Where the legs cannot do a plan over one, another often has one that they can.
+None is better everywhere. Where the legs cannot do a plan over one, another often has one that they can: which, is
+known from a list of robots and grounds.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -24,6 +28,7 @@ class Alternative:
         height: height of the body over the toes as the robot stands, as a factor.
         candidates: further candidates per foothold.
         drawn: whether toes are drawn to where they are as the robot stands, where the description says so.
+        level: whether the tilt limit is 0: inner sets of legs, which shrink with it, are larger then.
         gait: "wave" moves one limb after the other, along one side and then the other, each from the rear to the front;
             None keeps the gait.
     """
@@ -32,6 +37,7 @@ class Alternative:
     height: float = 1.0
     candidates: int = 0
     drawn: bool = True
+    level: bool = False
     gait: Literal["wave"] | None = None
 
     def of(self, spec: CourseSpec, robot: Robot) -> CourseSpec:
@@ -49,6 +55,8 @@ class Alternative:
             update["candidates"] = spec.candidates.model_copy(update={"count": count})
         if not self.drawn:
             update["weights"] = spec.weights.model_copy(update={"stance": 0.0})
+        if self.level:
+            update["body"] = spec.body.model_copy(update={"tilt_limit_rad": 0.0})
         if self.gait is not None:
             order = sorted(robot.limbs, key=lambda limb: (limb.shoulder_m[1] < 0.0, limb.shoulder_m[0]))
             update["gait"] = [[limb.name] for limb in order]
@@ -62,6 +70,7 @@ class Alternative:
             f"body {self.height:g} × as high" if self.height != 1.0 else "",
             f"{self.candidates} more candidates per foothold" if self.candidates else "",
             "" if self.drawn else "toes wherever they may be",
+            "body level" if self.level else "",
             "one limb after the other, side by side" if self.gait else "",
         ]
         return ", ".join(filter(None, parts))
@@ -76,8 +85,21 @@ ALTERNATIVES = (
     Alternative(spread=1.08),
     Alternative(drawn=False),
     Alternative(candidates=2),
+    Alternative(level=True),
     Alternative(gait="wave"),
     Alternative(spread=1.15, height=1.08, candidates=2),
     HIGHER,
 )
-"""The layouts in the order in which they are tried."""
+"""The layouts that there are; the first is tried first."""
+TABLE = Path(__file__).with_name("layouts.json")
+"""By what is missing over the first layout, the others with their successes there, in the order in which each next one
+adds most: ``benchmarks/stands.py layouts``."""
+Missing = Literal["contacts", "body"]
+"""No plan of contacts was found, or one that the legs cannot do."""
+
+
+def ordered(layouts: Iterable[Alternative], missing: Missing) -> list[Alternative]:
+    """The same in the order that the table of successes gives; those that it does not have come last as they are."""
+    names = [row["layout"] for row in json.loads(TABLE.read_text(encoding="utf-8"))[missing]]
+    places = {name: place for place, name in enumerate(names)}
+    return sorted(layouts, key=lambda each: places.get(each.message, len(places)))

@@ -111,6 +111,8 @@ def course_between(
     }  # fmt: skip
     if not alternative.drawn:
         update["weights"] = {"stance": 0.0}
+    if alternative.level:
+        update["body"] = {"tilt_limit_rad": 0.0}
     return described(stance=spec.stance, **update)
 
 

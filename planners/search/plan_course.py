@@ -17,7 +17,7 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
 from ..problem import Problem
-from ..problem.alternatives import AS_ASKED, HIGHER, Alternative
+from ..problem.alternatives import AS_ASKED, HIGHER, Alternative, ordered
 from ..problem.candidates import NoPlace
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
@@ -32,6 +32,11 @@ LayOut = Callable[["Sets", Alternative], Problem]
 """A function that lays a course out over the inner or the outer sets of the robot's legs, in one of several ways."""
 FIRST = 0.6
 """Fraction of the time that the layout that was asked for has, where others can be tried."""
+LEAST_S = 8.0
+"""Processor time that every layout has at least, while there is any [s]; in less than that few plans are found, and on
+a busy computer shares of what is left are soon shares of nothing."""
+PAUSE_S = 1.0
+"""What a processor does in less time says nothing [s]."""
 SEARCH = 0.75
 """Fraction of the time within which contacts are to be found, so that they can still be bent and judged."""
 ALL_FRICTION = (1.0,)
@@ -65,8 +70,9 @@ def plan_course(
     at contacts. start_rad: joints of a robot that stands already, as for ``plan_angles``, shape (J,).
     push_n: horizontal push that every stance has to bear, where the course does not ask for more [N].
     wrench: on the body beside its weight and what the course has already, at every frame, shape (6,).
-    layouts: ways in which a function lays the course out, in the order in which they are tried while there is time,
-    where over none before a plan was accepted; its provenance says which. *Infeasible* is said of the first alone.
+    layouts: ways in which a function lays the course out, the first before all others, which are tried while there is
+    time in the order that the table of successes gives (``alternatives.ordered``), where over none before a plan was
+    accepted; its provenance says which. *Infeasible* is said of the first alone.
     deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
     Returns the outcome with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
     and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques are asked for of a
@@ -121,7 +127,7 @@ def _laid_out(
     """
     first: Answer[Plan] | None = None
     refusal: InvalidInput | PlanningFailed | None = None
-    left = list(layouts)
+    left, used = list(layouts), _Used()
     while left:
         alternative, now = left.pop(0), time.perf_counter()
         if alternative is not layouts[0] and now >= deadline:
@@ -131,22 +137,37 @@ def _laid_out(
         except (InvalidInput, PlanningFailed) as error:
             if alternative is layouts[0] and not isinstance(error, NoPlace | PlanningFailed):
                 raise
+            if alternative is layouts[0]:
+                left = ordered(left, "contacts")
             refusal = refusal or error
             continue
-        last = not left or math.isinf(deadline)
-        outcome = answered(course, deadline if last else now + FIRST * (deadline - now))
+        share_s = max(FIRST * (deadline - now), used.wall_s(LEAST_S))
+        outcome = answered(course, min(now + share_s, deadline) if left else deadline)
         if outcome.status is Status.FEASIBLE and alternative.message:
             return _of_layout(outcome, alternative)
         if alternative is layouts[0]:
             first = outcome
             if outcome.status is not Status.UNDECIDED:
                 return outcome
+            left = ordered(left, "contacts" if outcome.solution is None else "body")
             if _cannot_lift(outcome):
                 left.sort(key=lambda each: each is not HIGHER)
     if first is None:
         assert refusal is not None
         raise refusal
     return first
+
+
+class _Used:
+    """How much of a processor this process has had since here."""
+
+    def __init__(self) -> None:
+        self._began = time.perf_counter(), time.process_time()
+
+    def wall_s(self, processor_s: float) -> float:
+        """How long it takes to compute for so long, as it has gone so far [s]."""
+        wall_s, own_s = time.perf_counter() - self._began[0], time.process_time() - self._began[1]
+        return processor_s * max(wall_s / max(own_s, 1e-9), 1.0) if wall_s > PAUSE_S else processor_s
 
 
 def _cannot_lift(outcome: Answer[Plan]) -> bool:

@@ -180,3 +180,21 @@ def test_a_push_in_another_direction_goes_no_farther_than_the_worst_so_far(
     assert len(lines.rows) == len(pushes.TURNS_DEG)
     assert list(pushes.rows(file, [1], lines, settings, wrong, 1.0, False)) == []
     assert {row["said_n"] for row in lines.rows.values()} == {2.0}
+
+
+def test_the_table_of_layouts_has_first_what_adds_most_by_what_is_missing(scripts: None) -> None:
+    import _stand_layouts as layouts
+
+    names = [each.message for each in layouts.ALTERNATIVES]
+    hits = {("a", names[2]), ("b", names[2]), ("b", names[3]), ("c", names[4]), ("d", names[1])}
+    found = [
+        {"entry": entry, "layout": name, "missing": "" if not name else "contacts" if entry == "d" else "body",
+         "accepted": (entry, name) in hits, "starved": False, "cpu_s": 2.0}
+        for entry in "abcd" for name in names
+    ]  # fmt: skip
+    tables = layouts.table(found)
+    body, contacts = tables["body"], tables["contacts"]
+    assert [row["layout"] for row in body[:3]] == [names[2], names[4], names[3]]
+    assert [(row["accepted"], row["of"], row["adds"]) for row in body[:3]] == [(2, 3, 2), (1, 3, 1), (1, 3, 0)]
+    assert [row["layout"] for row in contacts] == [names[1], *names[2:]]
+    assert contacts[0]["adds"] == 1

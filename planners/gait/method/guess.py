@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...files.arrays import Array
+from ..constraints.footing import sure_xy
 from ..variables.layout import NOTHING, Index
 from ..variables.structure import Structure
 
@@ -38,6 +39,7 @@ def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
     task, names, walk = structure.task, structure.task.robot.foot_names, GuessedWalk(structure)
     if set(names) != set(frames.limbs):
         raise InvalidInput(f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}")
+
     def footholds(number: int) -> Array:
         phases = structure.layout.feet[number].phases
         times = np.array([np.mean(phases.stance(index)) for index in range(phases.swings + 1)])
@@ -125,6 +127,9 @@ class GuessedWalk:
         middles[0], middles[-1] = 0.0, self._task.duration_s
         p, rotation = self.torso(middles)
         xy = (p + rotation @ self._task.robot.feet[foot].nominal_m)[:, :2]
+        share = self._structure.settings.footing
+        if share and not self._task.adhesive[foot]:
+            xy = sure_xy(self._task, share, xy)
         return np.column_stack([xy, self._task.terrain.height(xy)])
 
     def swings_bar(self, foot: int, footholds: Array, bar: Array) -> Array:

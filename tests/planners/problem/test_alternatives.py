@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, HIGHER, Alternative
+from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, HIGHER, TABLE, Alternative, ordered
 from stancekit.planners.problem.candidates import CandidatePatches, NoPlace
+from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.course_file import is_scene, read_course, read_spec
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course
@@ -52,6 +55,57 @@ def test_further_candidates_are_offered() -> None:
     assert all(len(foothold.candidates) == 1 for foothold in read_course("stairs", frames=3).footholds)
 
 
+def test_a_level_body_has_no_tilt_in_a_file_and_over_a_terrain() -> None:
+    level = Alternative(level=True)
+    assert level.message == "body level"
+    assert read_course("walls", frames=2, alternative=level).tilt_limit_rad == 0.0
+    ground = laid_between(stancekit.terrain("rough:0.2:1"), (0.0, 0.0), (0.2, 0.0), frames=2)
+    assert ground("inner", AS_ASKED).tilt_limit_rad > ground("inner", level).tilt_limit_rad == 0.0
+
+
+def test_the_table_of_successes_has_every_other_layout_for_all_that_may_be_missing() -> None:
+    table = json.loads(TABLE.read_text(encoding="utf-8"))
+    assert set(table) == {"contacts", "body"}
+    for rows in table.values():
+        assert {row["layout"] for row in rows} == {each.message for each in ALTERNATIVES[1:]}
+        assert sum(row["accepted"] for row in rows) > 0
+        assert all(row["adds"] <= row["accepted"] <= row["of"] for row in rows)
+    assert ordered(ALTERNATIVES[1:], "contacts")[0] == Alternative(level=True)
+    mine = Alternative(spread=2.0)
+    assert [each.message for each in ordered([mine, *ALTERNATIVES[1:]], "body")] == [
+        *(row["layout"] for row in table["body"]), mine.message,
+    ]  # fmt: skip
+
+
+def test_a_computer_that_is_busy_gives_layouts_as_much_of_its_processor_as_one_that_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wall_s, own_s = [0.0], [0.0]
+    monkeypatch.setattr("stancekit.planners.search.plan_course.time.perf_counter", lambda: wall_s[0])
+    monkeypatch.setattr("stancekit.planners.search.plan_course.time.process_time", lambda: own_s[0])
+    ends = list[float]()
+
+    class Slow(TwoStageCoursePlanner):
+        def with_limit(self, limit_s: float) -> Slow:
+            ends.append(wall_s[0] + limit_s)
+            return self
+
+        def solve(self, course: Problem) -> Answer[Plan]:
+            wall_s[0] = ends[-1]
+            own_s[0] = wall_s[0] / 4.0  # a quarter of a processor
+            return Answer(status=Status.UNDECIDED, method="slow", problem=course)
+
+    def question(_: object, alternative: Alternative) -> Problem:
+        return read_course("walls", frames=2)
+
+    plan_course(question, Slow(reserve=False), limits=None, layouts=ALTERNATIVES[:4], deadline=60.0)
+    assert ends == pytest.approx([0.6 * 60.0, 60.0])  # 8 s of a quarter take 32 s, and 24 s are left
+    wall_s[0], own_s[0] = 0.0, 0.0
+    ends.clear()
+    plan_course(question, Slow(reserve=False), limits=None, layouts=ALTERNATIVES[:4], deadline=400.0)
+    assert ends == pytest.approx([240.0, 336.0, 374.4, 400.0])
+
+
 def test_others_are_tried_where_the_first_has_no_place_for_a_toe() -> None:
     tried = list[str]()
 
@@ -67,8 +121,9 @@ def test_others_are_tried_where_the_first_has_no_place_for_a_toe() -> None:
     assert outcome.solution.provenance["layout"] == ALTERNATIVES[2].message
     assert outcome.report is not None
     assert outcome.report.answer is outcome.solution
-    assert tried == [each.message for each in ALTERNATIVES[:3]]
-    with pytest.raises(NoPlace, match=r"nowhere \(4\)"):
+    order = [AS_ASKED, *ordered(ALTERNATIVES[1:], "contacts")]
+    assert tried == [each.message for each in order[: order.index(ALTERNATIVES[2]) + 1]]
+    with pytest.raises(NoPlace, match=rf"nowhere \({len(tried) + 1}\)"):
         plan_course(question, TwoStageCoursePlanner(), deadline=math.inf)  # the first alone
 
 
@@ -91,9 +146,11 @@ def test_a_higher_body_is_tried_first_where_a_foot_alone_stays_from_its_path(wor
 
     outcome: Answer[Plan] = plan_course(question, Astray(reserve=False), limits=None, layouts=ALTERNATIVES)
     assert outcome.status is Status.UNDECIDED
-    second, *others = [each.message for each in ALTERNATIVES[1:]]
-    order = ["", HIGHER.message, second, *others[:-1]] if worst is None else ["", second, *others]
-    assert tried == order
+    others = [each.message for each in ordered(ALTERNATIVES[1:], "body")]
+    if worst is None:
+        others.remove(HIGHER.message)
+        others.insert(0, HIGHER.message)
+    assert tried == ["", *others]
 
 
 def test_a_surface_has_to_face_the_hip_and_not_the_middle_of_what_the_foot_reaches() -> None:

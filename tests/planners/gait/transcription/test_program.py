@@ -36,8 +36,8 @@ def test_jacobian_and_hessian_agree_with_finite_differences(
     small: Build, monkeypatch: pytest.MonkeyPatch, chart: str, dynamics: str, timings: str
 ) -> None:
     monkeypatch.setattr("stancekit.planners.gait.constraints.trunk.NEAR_M", 0.28)
-    built = small(chart=chart, dynamics=dynamics, timings=timings, trunk_clearance_m=0.02)
-    assert "trunk" in {term.name for term in built.nlp.constraints}
+    built = small(chart=chart, dynamics=dynamics, timings=timings, trunk_clearance_m=0.02, footing=0.6)
+    assert {"trunk", "footing"} <= {term.name for term in built.nlp.constraints}
     program, (x, way, p), step = built.nlp, away(built), 1e-6
     slopes = np.asarray(program.jacobian(x, p)[1] @ way).ravel()
     ahead, behind = (np.asarray(program.constraint(x + sign * step * way, p)).ravel() for sign in (1.0, -1.0))

@@ -1,0 +1,79 @@
+"""Sure footing: the ground about every place where a foot stands is no steeper than friction holds, with some in hand.
+
+Paper W has no such term. A foot that comes down a centimetre off its place on the edge of a stair finds ground that is
+steeper than where it was sent, slips, and a robot that stands on two feet falls. So the slope is limited about a place,
+and not in it alone: ‖∇h(p_xy + d)‖ ≤ σ for d = 0 and four others around it. Feet that stick may stand anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as cs
+import numpy as np
+
+from ...files.arrays import Array
+from ...problem.walk import Walk
+from ...terrain.heightfield import HeightField
+from ..transcription.blocks import Block, Constraint, Place
+from ..transcription.taylor import ExpansionPoint, TaylorMap
+from ..variables.structure import Structure
+
+SHARE = 0.6
+"""The usual share of the slope on which friction holds that ground about feet may have."""
+OFF_M = 0.015
+"""How far from its place a foot may come down."""
+NEAREST_M, FINE_M = 0.12, 0.01
+"""How far a guess's foot may move to where it has sure footing, and how finely places are looked at."""
+AROUND = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+
+
+def footing(structure: Structure) -> Constraint | None:
+    """σ² − ‖∇h‖² ≥ 0, five rows for each place of a foot that does not stick; None where nothing is asked for."""
+    task, chart = structure.task, structure.chart
+    feet = [foot.stances for foot, sticks in zip(structure.layout.feet, task.adhesive, strict=True) if not sticks]
+    if not structure.settings.footing or not feet:
+        return None
+    limit = structure.settings.footing * task.friction
+    plain = structure.entries("footholds", np.concatenate(feet), True)
+    ground, rows = TaylorMap.of_heights(task.terrain), np.arange(plain.count)
+
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        (below,) = expansions[-1:]
+        assert below is not None
+        return limit**2 - cs.sumsqr(below.here[1])
+
+    blocks = []
+    for at, off in enumerate(OFF_M * AROUND):
+        there = replace(plain, name="footing", map=ground, inner=chart.foot_map, place=beside(structure, off))
+        blocks.append(Block(kernel, ((there, rows),), at * plain.count + rows[:, None]))
+    count = len(AROUND) * plain.count
+    return Constraint("footing", np.zeros(count), np.full(count, np.inf), tuple(blocks))
+
+
+def beside(structure: Structure, off_m: Array) -> Place:
+    """The place so far from a foot's, seen from above."""
+
+    def place(feature: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
+        return structure.chart.foot(feature[:3], expansion)[:2] + off_m
+
+    return place
+
+
+def sure_xy(task: Walk, share: float, xy: Array) -> Array:
+    """The places nearest to others, shape (K, 2) [m], that are sure; the same where none is near.
+
+    share: of the slope on which friction holds, as ``GaitSettings.footing``.
+    """
+    line = FINE_M * np.arange(-round(NEAREST_M / FINE_M), round(NEAREST_M / FINE_M) + 1)
+    offs = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    offs = offs[np.argsort(np.linalg.norm(offs, axis=1), kind="stable")]
+    places = np.clip(xy[:, None] + offs, *np.transpose(task.terrain.domain_m))
+    first = np.argmax(slope_about(task.terrain, places) <= share * task.friction, axis=1)  # 0, itself, for none
+    return np.asarray(places[np.arange(len(xy)), first])
+
+
+def slope_about(terrain: HeightField, xy: Array) -> Array:
+    """‖∇h‖ where it is largest in a place and those about it, shape (…, 2) [m] → (…)."""
+    about = np.clip(xy[..., None, :] + OFF_M * AROUND, *np.transpose(terrain.domain_m))
+    return np.asarray(np.linalg.norm(terrain.gradient(about), axis=-1).max(axis=-1))
