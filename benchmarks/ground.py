@@ -256,7 +256,14 @@ def grounds(rng: np.random.Generator) -> dict[str, Callable[[Array, Array], Trut
         up = x > 0.1 + phase
         return 0.2 * x + 0.06 * up, up.astype(int)
 
-    made: dict[str, Any] = dict(stairs=stairs, slabs=slabs, stones=stones, beams=beams, rubble=rubble, slope=slope)
+    made: dict[str, Any] = {
+        "stairs": stairs,
+        "slabs": slabs,
+        "stones": stones,
+        "beams": beams,
+        "rubble": rubble,
+        "slope": slope,
+    }
     return made
 
 
