@@ -93,8 +93,9 @@ class FootholdOptions:
     """Least width of a foothold inside the margin [m]; unless given, as the margin."""
     roughness_m: float = 0.006
     """How far heights of a map may be off a foothold's plane, rms [m]."""
-    noise_m: float = 0.0
-    """Deviation of the sensor that made a map, allowed for beside the roughness [m]."""
+    noise_m: OptionalFloat = None
+    """Deviation of the sensor that made a map or a cloud, allowed for beside the roughness; unless given, it is
+    estimated from the heights [m]."""
 
     def limits(self, robot: str | None) -> FootholdLimits:
         """The same with a robot's foot where nothing else is said. Raises InvalidInput.

@@ -29,7 +29,8 @@ class ElevationMap:
     """Heights at the nodes of a rectilinear grid, NaN where there is none.
 
     x_m, y_m: grid lines, shape (n,) and (m,), increasing [m]. heights_m: shape (n, m) [m]. samples: how many points
-    each height is of, shape (n, m); one each where that is not known. name: for messages.
+    each height is of, shape (n, m); one each where that is not known. points_m: those of the cloud that it is of, shape
+    (K, 3) [m]. name: for messages.
     Raises InvalidInput for fewer than four grid lines, one that is wider than any robot walks, and one of holes alone.
     """
 
@@ -38,6 +39,7 @@ class ElevationMap:
     heights_m: Array
     name: str
     samples: NDArray[np.int_] | None = None
+    points_m: Array | None = None
 
     def __post_init__(self) -> None:
         for axis in ("x_m", "y_m"):
@@ -115,7 +117,14 @@ class ElevationMap:
         total = np.bincount(cell[upper], weights=points_m[upper, 2], minlength=len(top))
         heights = np.where(samples > 0, total / np.maximum(samples, 1), np.nan)
         x_m, y_m = (spacing_m * np.arange(a, b + 1) for a, b in zip(first, last, strict=True))
-        return cls(x_m=x_m, y_m=y_m, heights_m=heights.reshape(shape), name=name, samples=samples.reshape(shape))
+        return cls(
+            x_m=x_m,
+            y_m=y_m,
+            heights_m=heights.reshape(shape),
+            name=name,
+            samples=samples.reshape(shape),
+            points_m=points_m,
+        )
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array], name: str) -> ElevationMap:

@@ -33,7 +33,8 @@ class FootholdLimits:
         margin_m: of every foothold from the borders of its surface [m].
         width_m: least width of what is left [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
-        noise_m: deviation of the heights of a map by its sensor, allowed for beside the roughness [m].
+        noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the roughness; None
+            estimates it from the heights [m].
     Raises:
         InvalidInput: for a value out of range.
     Source:
@@ -49,7 +50,7 @@ class FootholdLimits:
     margin_m: Length = FOOT_M
     width_m: Length = FOOT_M
     roughness_m: Annotated[float, Within(above=0.0, most=1.0)] = ROUGHNESS_M
-    noise_m: Length = 0.0
+    noise_m: Length | None = None
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -62,8 +63,8 @@ class FootholdLimits:
 
     @property
     def rms_m(self) -> float:
-        """Largest rms of measured heights off a foothold's plane [m]."""
-        return float(np.hypot(self.roughness_m, self.noise_m))
+        """Largest rms of measured heights off a foothold's plane, of a map whose noise is known or nothing [m]."""
+        return float(np.hypot(self.roughness_m, self.noise_m or 0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,10 +21,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
+from .cells import Cells, Labels, fitted
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .mesh_footholds import standing_pieces
+from .noisy_surfaces import noisy_surfaces
 from .patch import Patch
 from .polygon import SMALLEST_M
 
@@ -38,51 +40,85 @@ TURN_RAD = 0.12
 """Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise [rad]."""
 OFF, ALONE = 2.5, 4.5
 """Cells are on a plane up to this many rms, and those that it is all about up to so many."""
+FEWEST_CELLS = 4
+"""Surfaces of fewer do not grow."""
+QUIET = 0.25
+"""Noise below this share of the roughness is a part of it."""
 POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
-Cells = NDArray[np.int_]
-
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
-    """The footholds of a map; what else there is of it is no surface."""
-    spacing = terrain.spacing_m
-    lowest = float(np.nanmean(terrain.heights_m))
-    heights = terrain.heights_m - lowest
-    known = np.isfinite(heights)
-    labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
-    planes, rms, count = _fitted(labels, heights)
+    """The footholds of a map, or of the cloud that it is of; what else there is of it is no surface."""
+    cells, noise_m = _cells_of(terrain, limits)
+    spacing, heights, known = cells.spacing_m, cells.heights, cells.known
+    noisy = cells.sparse or noise_m > QUIET * limits.roughness_m
+    if noisy:
+        labels = noisy_surfaces(cells, limits, max(noise_m, QUIET * limits.roughness_m))
+    else:
+        labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
+        labels = np.where(
+            np.append(np.bincount(labels[labels >= 0], minlength=1) < FEWEST_CELLS, False)[labels], -1, labels
+        )
+        strips = noisy_surfaces(cells.only(known & (labels < 0)), limits, QUIET * limits.roughness_m)
+        labels = np.where(strips >= 0, strips + labels.max() + 1, labels)
+    most_rms = float(np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0))
+    planes, rms, count = fitted(labels, cells)
+    area = np.bincount(labels[labels >= 0], minlength=len(planes))
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
     cell_m2 = spacing**2 / normal_z
-    level, flat = normal_z >= np.cos(limits.slope_rad), rms <= limits.rms_m * _slack(count)
+    level, flat = normal_z >= np.cos(limits.slope_rad), rms <= most_rms * _slack(count)
     refused = dict.fromkeys(REASONS, 0.0)
-    refused["steep"] = float((count * cell_m2)[flat & ~level].sum())
-    refused["rough"] = float(spacing**2 * (labels[known] < 0).sum() + (count * cell_m2)[~flat].sum())
-    refused["hole"] = float(spacing**2 * (~known).sum())
+    refused["steep"] = float((area * cell_m2)[flat & ~level].sum())
+    narrow = _narrow(heights, known & (labels < 0), np.hypot(limits.roughness_m, noise_m))
+    refused["small"] = float(spacing**2 * narrow.sum())
+    refused["rough"] = float(spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum())
+    refused["hole"] = float(spacing**2 * (~known & (labels < 0)).sum())
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
             continue
         a, b, c = planes[number]
-        middle = np.array([terrain.x_m[0], terrain.y_m[0], lowest + c])
+        middle = cells.corner_m + np.array([0.0, 0.0, c])
         plane = Plane.through(middle, normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0]))
-        outline = _outline(labels[where] == number, (where[0].start, where[1].start), terrain, plane)
-        samples = (
-            labels[where] == number if terrain.samples is None else terrain.samples[where][labels[where] == number]
-        )
-        facet = FlatPiece(
-            plane=plane, polygon=outline, triangles=np.arange(int(samples.sum())), rms_m=float(rms[number])
-        )
+        outline = _outline(labels[where] == number, (where[0].start, where[1].start), spacing, plane)
+        own = terrain.samples if terrain.samples is not None and not cells.sparse else cells.moments[0]
+        samples = int(own[where][labels[where] == number].sum())
+        facet = FlatPiece(plane=plane, polygon=outline, triangles=np.arange(samples), rms_m=float(rms[number]))
         pieces += standing_pieces(facet, outline, number, limits, friction, refused)
         surfaces += [plane.patch(piece, friction) for piece in facet.pieces(SMALLEST_M)]
-        refused["edge"] += max(float(count[number] * cell_m2[number]) - outline.area, 0.0)
+        refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
         name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
         surfaces=tuple(surfaces), limits=limits,
     )  # fmt: skip
 
 
-def _outline(mask: NDArray[np.bool_], corner: tuple[int, int], terrain: ElevationMap, plane: Plane) -> Any:
+def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray[np.bool_]:
+    """Cells without a surface that go on straight to both sides along a line, and so are strips too narrow to fit."""
+    n, m = heights.shape
+    padded = np.pad(np.where(left, heights, np.nan), 1, constant_values=np.nan)
+    found = np.zeros((n, m), dtype=bool)
+    for u, v in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        ahead = padded[1 + u : 1 + u + n, 1 + v : 1 + v + m]
+        back = padded[1 - u : 1 - u + n, 1 - v : 1 - v + m]
+        with np.errstate(invalid="ignore"):
+            found |= left & (np.abs(ahead + back - 2.0 * heights) <= 2.0 * within_m)
+    return found
+
+
+def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[Cells, float]:
+    """The samples of a map or of its cloud, and their noise: as it is told, else as they show it [m]."""
+    if terrain.points_m is None:
+        cells = Cells.of_map(terrain)
+        return cells, cells.noise_m() if limits.noise_m is None else limits.noise_m
+    spacing, noise_m = terrain.spacing_m, limits.noise_m
+    if noise_m is None:
+        noise_m = Cells.of_points(terrain.points_m, spacing, 0.0).noise_m()
+    return Cells.of_points(terrain.points_m, spacing, noise_m), noise_m
+
+
+def _outline(mask: NDArray[np.bool_], corner: tuple[int, int], spacing: float, plane: Plane) -> Any:
     """The cells of a mask as polygons in a plane: what is half a cell inside of the line half way to foreign cells,
     which is straightened by as much."""
     shapely = shapely_module()
@@ -93,7 +129,6 @@ def _outline(mask: NDArray[np.bool_], corner: tuple[int, int], terrain: Elevatio
     ]
     polygons = [shapely.Polygon(outer, holes) for outer, *holes in rings]
     inner = [_inner(polygon) for polygon in polygons]
-    spacing = terrain.spacing_m
     slopes = -plane.normal[:2] / plane.normal[2]
 
     def on_plane(cells: Array) -> Array:
@@ -113,7 +148,7 @@ def _inner(polygon: Any) -> Any:
     return polygon.buffer(-0.5, join_style="mitre").simplify(POCKET).buffer(-POCKET, join_style="mitre")
 
 
-def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: FootholdLimits) -> Cells:
+def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: FootholdLimits) -> Labels:
     """The surface of every cell, −1 for none, by the planes about cells."""
     half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
     moments = _windowed(heights, known, half)
@@ -125,7 +160,7 @@ def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: 
         known & (moments[0] * window >= 3.0) & (rms <= limits.rms_m * _slack(moments[0] * window)) & (slope <= steepest)
     )
     spread = spacing * np.sqrt((2 * half + 1) ** 2 * half * (half + 1) / 3.0)
-    turn = TURN_RAD + 3.0 * limits.noise_m / spread
+    turn = TURN_RAD + 3.0 * (limits.noise_m or 0.0) / spread
     step = OFF * limits.rms_m
     pairs = [_continued(plane, ground, axis, spacing, turn, step) for axis in (0, 1)]
     one, other = map(np.concatenate, zip(*pairs, strict=True))
@@ -175,7 +210,7 @@ def _solved(moments: list[Array] | Array) -> tuple[Array, Array]:
 
 def _continued(
     plane: Array, ground: NDArray[np.bool_], axis: int, spacing: float, turn: float, step: float
-) -> tuple[Cells, Cells]:
+) -> tuple[Labels, Labels]:
     """Pairs of neighbouring cells along an axis whose planes go on in one another."""
     here = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
     there = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
@@ -187,7 +222,7 @@ def _continued(
     return index[here][fits], index[there][fits]
 
 
-def _renumbered(labels: Cells) -> Cells:
+def _renumbered(labels: Labels) -> Labels:
     """Labels from 0 on without gaps; −1 stays."""
     known = labels >= 0
     found = np.full(labels.shape, -1)
@@ -195,13 +230,13 @@ def _renumbered(labels: Cells) -> Cells:
     return found
 
 
-def _moments_of(number: Cells, i: Array, j: Array, z: Array, count: int) -> Array:
+def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Array:
     """Sums of the same moments of cells by number, shape (10, count)."""
     values = (None, i, j, i * i, i * j, j * j, z, i * z, j * z, z * z)
     return np.array([np.bincount(number, weights=value, minlength=count) for value in values])
 
 
-def _fitted(labels: Cells, heights: Array) -> tuple[Array, Array, Cells]:
+def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
     """Of every surface its plane (a, b, c) with i and j in cells, shape (S, 3), rms, and how many heights."""
     i, j = np.nonzero(labels >= 0)
     number = labels[i, j]
@@ -210,7 +245,7 @@ def _fitted(labels: Cells, heights: Array) -> tuple[Array, Array, Cells]:
     return planes.T, rms, np.bincount(number, minlength=count)
 
 
-def _parted(labels: Cells, heights: Array, smooth: Array, most_rms: float) -> Cells:
+def _parted(labels: Labels, heights: Array, smooth: Array, most_rms: float) -> Labels:
     """Surfaces parted in two until each is a plane within ``most_rms``. smooth: heights by the planes about cells."""
     for _ in range(ROUNDS):
         planes, rms, count = _fitted(labels, heights)
@@ -232,7 +267,7 @@ def _parted(labels: Cells, heights: Array, smooth: Array, most_rms: float) -> Ce
     return labels
 
 
-def _halves(number: Cells, x: Array, y: Array, count: int) -> Cells:
+def _halves(number: Labels, x: Array, y: Array, count: int) -> Labels:
     """On which side of the middle of its surface, across its longer axis, each cell is."""
     one, sx, sy, sxx, sxy, syy = (
         np.bincount(number, weights=value, minlength=count) for value in (None, x, y, x * x, x * y, y * y)
@@ -243,7 +278,7 @@ def _halves(number: Cells, x: Array, y: Array, count: int) -> Cells:
     return ((x - mx[number]) * np.cos(angle)[number] + (y - my[number]) * np.sin(angle)[number] > 0.0).astype(int)
 
 
-def _connected_again(labels: Cells, halves: Cells) -> Cells:
+def _connected_again(labels: Labels, halves: Labels) -> Labels:
     """Labels anew: what was parted by its halves, and what does not hang together apart."""
     key = np.where(halves >= 0, halves + labels.max() + 1, labels)
     index = np.arange(key.size).reshape(key.shape)
@@ -253,7 +288,7 @@ def _connected_again(labels: Cells, halves: Cells) -> Cells:
     return _renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
 
 
-def _grown(labels: Cells, heights: Array, spacing: float, limits: FootholdLimits) -> Cells:
+def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimits) -> Labels:
     """Surfaces that take in cells at their borders which are on their planes, as far as the windows reached."""
     half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
     planes = _fitted(labels, heights)[0]
@@ -275,7 +310,7 @@ def _grown(labels: Cells, heights: Array, spacing: float, limits: FootholdLimits
             a, b, c = np.moveaxis(planes[of], -1, 0)
             off = np.abs(a * i + b * j + c - heights)
             votes += near == best
-            better = open_ & (near >= 0) & (off < least) & (sizes[of] >= 4)
+            better = open_ & (near >= 0) & (off < least) & (sizes[of] >= FEWEST_CELLS)
             best[better], least[better] = near[better], off[better]
         chosen = (best >= 0) if turn <= half else (best >= 0) & (votes >= 2)
         labels[chosen] = best[chosen]
@@ -283,7 +318,7 @@ def _grown(labels: Cells, heights: Array, spacing: float, limits: FootholdLimits
     return labels
 
 
-def _shifted(labels: Cells, axis: int, shift: int) -> Cells:
+def _shifted(labels: Labels, axis: int, shift: int) -> Labels:
     """Labels moved by a cell, −1 where they come from beyond the map."""
     near = np.roll(labels, shift, axis=axis)
     edge = [slice(None), slice(None)]

@@ -1,0 +1,338 @@
+"""Surfaces of noisy heights: planes that end at steps, though a step may be no higher than two deviations of the noise.
+
+1. About every cell a square of 3 × 3 blocks is fitted by a plane. A step, a ridge or a crease under it moves the means
+   of its blocks off the plane, by more than the noise of means: its lack of fit.
+2. Every cell takes the plane of that square about it whose blocks fit best, which is one on its own side of an edge.
+3. Neighbouring cells whose planes go on in one another are of one surface; a surface whose blocks do not fit one plane
+   is parted in two, again and again; two that one plane fits as well as two are one.
+4. Cells at borders go to the neighbouring surface whose plane is nearer, in view of the noise and of their neighbours.
+5. What is left is looked at again with smaller squares that see nothing else: strips.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..files.arrays import Array
+from .cells import Cells, Labels, about, boxed, fitted, mean_square, solved, sums_of
+from .footholds import FootholdLimits
+
+FINE_SD_M = 0.0035
+"""Deviation that the height of a square's plane is to have at its middle; squares are as large as that takes [m]."""
+COARSE_SD_M = 0.012
+"""That of the smallest square that is looked at [m]."""
+LARGEST_M = 0.27
+"""Side of the largest square; one of 3 × 3 cells is looked at however large cells are [m]."""
+TURN_RAD = 0.12
+"""Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise [rad]."""
+FEWEST = 6
+"""Samples that a plane is fitted to."""
+SURE = 16.4
+"""Mean plus three deviations of χ² of six degrees of freedom, as many as 3 × 3 blocks leave a plane."""
+ALIKE = 25.0
+"""Two surfaces of one plane have a larger sum of squares than of two planes by more than this, in variances of the
+noise, once in ten thousand times."""
+OFF = 2.5
+NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+FARTHEST = 3.0
+"""A cell is off the plane of its surface by no more than this, in deviations."""
+AGREEMENT, SWEEPS = 1.0, 4
+"""What a neighbour of the same surface counts for, as a difference of squares in variances of the noise, and how often
+borders are looked at."""
+ROUNDS, LLOYD, JOINED = 12, 4, 16
+TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
+"""Cells farther than this off a surface that is no plane are taken from it, in its largest rms, round by round."""
+CLOSED, MOST_VOTES, ALONE = 3, 5, 4.5
+"""How often single cells are closed, how many of eight neighbours of one surface that takes, and how far off it they
+may be in deviations of the noise."""
+
+
+def noisy_surfaces(cells: Cells, limits: FootholdLimits, noise_m: float) -> Labels:
+    """The surface of every cell, −1 for none, shape (n, m)."""
+    labels = np.full(cells.known.shape, -1)
+    if np.count_nonzero(cells.known) < FEWEST:
+        return labels
+    dense = max(float(np.mean(cells.moments[0][cells.known])), 1.0)
+    largest = max(int(LARGEST_M / (3.0 * cells.spacing_m)), 1)
+    fine, coarse = (
+        int(np.clip(np.ceil(noise_m / (sd * 3.0 * np.sqrt(dense))), 1, largest)) for sd in (FINE_SD_M, COARSE_SD_M)
+    )
+    for side in sorted({fine, (fine + coarse) // 2, coarse}, reverse=True):
+        left = cells.known & (labels < 0)
+        if np.count_nonzero(left) < FEWEST:
+            break
+        found = _of_squares(cells.only(left), side, limits, noise_m)
+        found = _joined(_parted(found, cells, limits, noise_m, side), cells, limits, noise_m, side)
+        labels = np.where(found >= 0, found + labels.max() + 1, labels)
+        labels = _bordered(_large_enough(labels, cells), cells, limits, noise_m)
+    labels = _joined(renumbered(labels), cells, limits, noise_m, coarse)
+    labels = _large_enough(_bordered(labels, cells, limits, noise_m), cells)
+    labels = _parted(_trimmed(renumbered(labels), cells, limits, noise_m), cells, limits, noise_m, coarse)
+    return renumbered(_large_enough(_closed(labels, cells, noise_m), cells))
+
+
+def _trimmed(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float) -> Labels:
+    """Surfaces that are no planes within the noise, without the cells that are farthest off."""
+    most = float(np.hypot(limits.roughness_m, noise_m))
+    for share in TRIMMED:
+        planes, rms, count = fitted(labels, cells)
+        bent = rms > most * (1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0)))
+        if not bent.any():
+            break
+        of = np.maximum(labels, 0)
+        off = mean_square(planes[of].transpose(2, 0, 1), cells.moments)
+        labels = np.where((labels >= 0) & bent[of] & (off > (share * most) ** 2), -1, labels)
+    return labels
+
+
+def _closed(labels: Labels, cells: Cells, noise_m: float) -> Labels:
+    """Labels with single cells in the midst of a surface given to it: of noise far off, or of a cloud's chance."""
+    n, m = labels.shape
+    fillable = np.ones((n, m), dtype=bool) if cells.sparse else cells.known
+    planes, (x, y), mean = fitted(labels, cells)[0], cells.places, cells.heights
+    for _ in range(CLOSED):
+        padded = np.pad(labels, 1, constant_values=-1)
+        near = np.stack([padded[1 + u : 1 + u + n, 1 + v : 1 + v + m] for u, v in NEIGHBOURS])
+        i, j = np.nonzero(fillable & (labels < 0))
+        around = near[:, i, j]
+        votes = np.sum(around[None] == around[:, None], axis=0) * (around >= 0)
+        best = around[votes.argmax(axis=0), np.arange(len(i))]
+        a, b, c = planes[np.maximum(best, 0)].T if len(planes) else np.zeros((3, len(i)))
+        off = np.abs(a * x[i, j] + b * y[i, j] + c - mean[i, j])
+        chosen = (votes.max(axis=0) >= MOST_VOTES) & ~(off > ALONE * noise_m)
+        if not chosen.any():
+            break
+        labels = labels.copy()
+        labels[i[chosen], j[chosen]] = best[chosen]
+    return labels
+
+
+def _of_squares(cells: Cells, side: int, limits: FootholdLimits, noise_m: float) -> Labels:
+    """Surfaces by the best square about each cell, of 3 × 3 blocks of this side in cells."""
+    blocks = boxed(cells.moments, side)
+    shifts = [(side * u, side * v) for u in (-1, 0, 1) for v in (-1, 0, 1)]
+    padded = np.pad(blocks, ((0, 0), (side, side), (side, side)))
+    n, m = cells.known.shape
+    parts = {way: padded[:, side + way[0] : side + way[0] + n, side + way[1] : side + way[1] + m] for way in shifts}
+    i, j = np.indices((n, m), dtype=np.float64)
+    total = np.sum([parts[way] for way in shifts], axis=0)
+    (a, b, c), rms = solved(about(total, i, j))
+    count = np.maximum(total[0], 1.0)
+    off = np.zeros((n, m))
+    for way in shifts:
+        one, x, y, z = (parts[way][k] for k in (0, 1, 2, 6))
+        rest = z - a * (x - i * one) - b * (y - j * one) - c * one
+        off += rest**2 / np.maximum(one, 1.0)
+    variance = noise_m**2
+    slope = np.hypot(a, b) / cells.spacing_m
+    spread = cells.spacing_m * side * np.sqrt(6.0 / 9.0)  # of places in a square along an axis
+    slope_sd = noise_m / (spread * np.sqrt(count))
+    fits = (total[0] >= FEWEST) & (off / count <= limits.roughness_m**2 + SURE * variance / count)
+    fits &= rms <= np.hypot(limits.roughness_m, noise_m) * (1.0 + 3.0 / np.sqrt(2.0 * count))
+    fits &= slope <= np.tan(min(limits.slope_rad + TURN_RAD, 1.5)) + 3.0 * slope_sd
+    score = np.where(fits, (off + 6.0 * variance) / count, np.inf)
+    best = np.full((n, m), np.inf)
+    plane, deviation = np.zeros((3, n, m)), np.zeros((2, n, m))
+    for u, v in sorted(shifts, key=lambda way: abs(way[0]) + abs(way[1])):
+        own, other = _overlap(n, u), _overlap(m, v)
+        here, there = (own[0], other[0]), (own[1], other[1])
+        better = score[there] < best[here] * (0.9 if (u, v) != (0, 0) else 1.0)
+        best[here] = np.where(better, score[there], best[here])
+        found = np.stack([a[there], b[there], c[there] - a[there] * u - b[there] * v])
+        plane[(slice(None), *here)] = np.where(better, found, plane[(slice(None), *here)])
+        lever = np.sqrt(1.0 + 1.5 * (abs(u) + abs(v)) / side)
+        wide = np.stack([lever * noise_m / np.sqrt(count[there]), slope_sd[there]])
+        deviation[(slice(None), *here)] = np.where(better, wide, deviation[(slice(None), *here)])
+    ground = cells.known & np.isfinite(best)
+    pairs = [_continued(plane, deviation, ground, axis, cells.spacing_m, limits) for axis in (0, 1)]
+    left, right = map(np.concatenate, zip(*pairs, strict=True))
+    return renumbered(np.where(ground, _components(left, right, ground.shape), -1))
+
+
+def _overlap(count: int, shift: int) -> tuple[slice, slice]:
+    """Cells along an axis, and those so many further on."""
+    return slice(max(-shift, 0), count - max(shift, 0)), slice(max(shift, 0), count - max(-shift, 0))
+
+
+def _continued(
+    plane: Array, deviation: Array, ground: NDArray[np.bool_], axis: int, spacing: float, limits: FootholdLimits
+) -> tuple[Labels, Labels]:
+    """Pairs of neighbouring cells along an axis whose planes go on in one another, in view of their deviations."""
+    here = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
+    there = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
+    (a, b, c), (d, e, f) = (plane[(slice(None), *side)] for side in (here, there))
+    wide, turning = np.hypot(deviation[(slice(None), *here)], deviation[(slice(None), *there)])
+    bend = np.hypot(a - d, b - e) / spacing
+    rise = np.abs(f - c - 0.5 * ((a + d) if axis == 0 else (b + e)))
+    fits = ground[here] & ground[there] & (rise <= OFF * np.hypot(limits.roughness_m, wide))
+    fits &= bend <= TURN_RAD * (1.0 + (a * a + b * b) / spacing**2) + 3.0 * turning
+    index = np.arange(ground.size).reshape(ground.shape)
+    return index[here][fits], index[there][fits]
+
+
+def _components(one: Labels, other: Labels, shape: tuple[int, ...]) -> Labels:
+    size = int(np.prod(shape))
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int_).reshape(shape)
+
+
+def renumbered(labels: Labels) -> Labels:
+    """Labels from 0 on without gaps; −1 stays."""
+    known = labels >= 0
+    found = np.full(labels.shape, -1)
+    found[known] = np.unique(labels[known], return_inverse=True)[1]
+    return found
+
+
+def _misfits(
+    labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float, side: int
+) -> tuple[NDArray[np.bool_], Array]:
+    """Which surfaces are no planes, by means over blocks of this side in cells."""
+    i, j = np.nonzero(labels >= 0)
+    number = labels[i, j]
+    size = int(labels.max(initial=-1)) + 1
+    planes, rms, count = fitted(labels, cells)
+    one, x, y, z = (cells.moments[k, i, j] for k in (0, 1, 2, 6))
+    a, b, c = planes[number].T
+    rest = z - a * x - b * y - c * one
+    squares, blocks = np.zeros(size), np.zeros(size)
+    wide = labels.shape[1] // side + 2
+    _, block = np.unique((number * (labels.shape[0] // side + 2) + i // side) * wide + j // side, return_inverse=True)
+    owner = np.zeros(int(block.max(initial=-1)) + 1, dtype=np.int_)
+    owner[block] = number
+    weight = np.bincount(block, weights=one)
+    mean = np.bincount(block, weights=rest) ** 2 / np.maximum(weight, 1.0)
+    squares += np.bincount(owner, weights=mean, minlength=size)
+    blocks += np.bincount(owner, minlength=size)
+    freedom = np.maximum(blocks - 3.0, 0.0)
+    allowed = limits.roughness_m**2 * count + noise_m**2 * (freedom + 3.0 * np.sqrt(2.0 * freedom) + 3.0)
+    bent = (squares > allowed) & (blocks > 3)
+    bent |= rms > np.hypot(limits.roughness_m, noise_m) * (1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0)))
+    return bent & (count >= 2 * FEWEST), planes
+
+
+def _smoothed(labels: Labels, cells: Cells, side: int) -> Array:
+    """Heights of cells as means over the cells of the same surface in a square, by its plane's slope."""
+    planes = fitted(labels, cells)[0]
+    of = np.maximum(labels, 0)
+    a, b, c = (planes[of, k] for k in range(3))
+    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
+    rest = z - a * x - b * y - c * one
+    box = boxed(np.stack([one, rest]), 2 * (side // 2) + 1)
+    i, j = np.indices(labels.shape)
+    return np.asarray(a * i + b * j + c + box[1] / np.maximum(box[0], 0.5))
+
+
+def _parted(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
+    """Surfaces parted in two until each is a plane."""
+    for _ in range(ROUNDS):
+        bent, planes = _misfits(labels, cells, limits, noise_m, side)
+        if not bent.any():
+            break
+        size = len(planes)
+        chosen = (labels >= 0) & np.append(bent, False)[labels]
+        smooth = _smoothed(np.where(chosen, labels, -1), cells, side)
+        i, j = np.nonzero(chosen)
+        number, z = labels[i, j], smooth[i, j]
+        x, y = i.astype(float), j.astype(float)
+        each = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
+        sides = _halves(number, x, y, size)
+        for _ in range(LLOYD):
+            both, _ = solved(sums_of(2 * number + sides, each, 2 * size))
+            planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
+            off = np.abs(planes_of[0] * x + planes_of[1] * y + planes_of[2] - z)
+            sides = (off[1] < off[0]).astype(int)
+        key = labels.copy()
+        key[i, j] = size + 2 * number + sides
+        labels = _apart(key)
+    return labels
+
+
+def _halves(number: Labels, x: Array, y: Array, count: int) -> Labels:
+    """On which side of the middle of its surface, across its longer axis, each cell is."""
+    one, sx, sy, sxx, sxy, syy = (
+        np.bincount(number, weights=value, minlength=count) for value in (None, x, y, x * x, x * y, y * y)
+    )
+    one = np.maximum(one, 1)
+    mx, my = sx / one, sy / one
+    angle = 0.5 * np.arctan2(2.0 * (sxy / one - mx * my), sxx / one - mx * mx - (syy / one - my * my))
+    return ((x - mx[number]) * np.cos(angle)[number] + (y - my[number]) * np.sin(angle)[number] > 0.0).astype(int)
+
+
+def _apart(key: Labels) -> Labels:
+    """Labels anew, of which what does not hang together is apart."""
+    index = np.arange(key.size).reshape(key.shape)
+    one = np.concatenate([index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]])
+    other = np.concatenate([index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]])
+    return renumbered(np.where(key >= 0, _components(one, other, key.shape), -1))
+
+
+def _joined(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
+    """Neighbouring surfaces made one while one plane fits both as well as two, the most alike first."""
+    for _ in range(JOINED):
+        touching = [
+            np.stack([one[differ], other[differ]])
+            for one, other in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1]))
+            for differ in [(one != other) & (one >= 0) & (other >= 0)]
+        ]
+        pairs = np.unique(np.sort(np.concatenate(touching, axis=1), axis=0), axis=1)
+        if not pairs.size:
+            break
+        i, j = np.nonzero(labels >= 0)
+        sums = sums_of(labels[i, j], cells.moments[:, i, j], int(labels.max()) + 1)
+        squares = solved(sums)[1] ** 2 * sums[0]
+        both = sums[:, pairs[0]] + sums[:, pairs[1]]
+        worse = solved(both)[1] ** 2 * both[0] - squares[pairs[0]] - squares[pairs[1]]
+        few = np.minimum(sums[0][pairs[0]], sums[0][pairs[1]])
+        cost = worse / noise_m**2
+        alike = cost <= ALIKE
+        least = np.full(len(squares), np.inf)
+        for row in pairs:
+            np.minimum.at(least, row[alike], cost[alike])
+        mutual = alike & (cost <= least[pairs[0]]) & (cost <= least[pairs[1]]) & (few > 0)
+        if not mutual.any():
+            break
+        target = np.arange(len(squares))
+        target[pairs[1][mutual]] = pairs[0][mutual]
+        labels = renumbered(np.where(labels >= 0, target[np.maximum(labels, 0)], -1))
+    return labels
+
+
+def _bordered(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float) -> Labels:
+    """Cells at borders and without a surface, given to the one about them that height and neighbours speak for."""
+    planes, rms, _ = fitted(labels, cells)
+    if not len(planes):
+        return labels
+    labels = labels.copy()
+    variance = np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2 + (0.5 * limits.roughness_m) ** 2
+    mean, (x, y), one = cells.heights, cells.places, cells.moments[0]
+    for _ in range(SWEEPS):
+        padded = np.pad(labels, 1, constant_values=-1)
+        n, m = labels.shape
+        near = np.stack([padded[1 + u : 1 + u + n, 1 + v : 1 + v + m] for u, v in NEIGHBOURS])
+        i, j = np.nonzero(cells.known & np.any(near != labels, axis=0))
+        around, own = near[:, i, j], labels[i, j]
+        candidates = np.concatenate([own[None], around])
+        of = np.maximum(candidates, 0)
+        a, b, c = (planes[of, k] for k in range(3))
+        off = (a * x[i, j] + b * y[i, j] + c - mean[i, j]) ** 2 * np.minimum(one[i, j], 4.0) / variance[of]
+        votes = np.sum(around[None] == candidates[:, None], axis=1)
+        energy = np.where((candidates >= 0) & (off <= FARTHEST**2), off - AGREEMENT * votes, np.inf)
+        alone = ~np.isfinite(energy).any(axis=0)
+        best = np.where(alone, -1, candidates[energy.argmin(axis=0), np.arange(len(i))])
+        if np.array_equal(best, own):
+            break
+        labels[i, j] = best
+    return labels
+
+
+def _large_enough(labels: Labels, cells: Cells) -> Labels:
+    """Labels without surfaces of few samples, and parts apart from each other."""
+    labels = _apart(labels)
+    count = np.bincount(
+        labels[labels >= 0], weights=cells.moments[0][labels >= 0], minlength=labels.max(initial=-1) + 1
+    )
+    return renumbered(np.where((labels >= 0) & np.append(count >= FEWEST, False)[labels], labels, -1))
