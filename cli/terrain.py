@@ -112,6 +112,15 @@ def _table(found: Footholds) -> Table:
     table.add_row("footholds", f"{len(found.pieces)} patches on {surfaces} surfaces, {found.area_m2:.4g} m²")
     table.add_row("steepest", f"{np.rad2deg(max(piece.slope_rad for piece in found.pieces)):.1f}°")
     table.add_row("rms off plane", f"{1e3 * np.median(rms):.2g} mm median, {1e3 * rms.max():.2g} mm at most")
+    if found.noise_m is not None:
+        table.add_row("noise", f"{1e3 * found.noise_m:.2g} mm, {found.noise_source}")
+        height, tilt, edge = (
+            np.array([getattr(piece, name) or 0.0 for piece in found.pieces])
+            for name in ("height_sd_m", "tilt_sd_rad", "edge_sd_m")
+        )
+        table.add_row("sd of height", f"{1e3 * np.median(height):.2g} mm median, {1e3 * height.max():.2g} mm at most")
+        table.add_row("sd of tilt", f"{np.rad2deg(np.median(tilt)):.2g}° median, {np.rad2deg(tilt.max()):.2g}° at most")
+        table.add_row("sd of edges", f"{1e3 * np.median(edge):.2g} mm median, {1e3 * edge.max():.2g} mm at most")
     for reason, area in found.refused_m2.items():
         if area > 1e-6:
             table.add_row(f"not: {reason}", f"{area:.4g} m²")

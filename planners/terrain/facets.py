@@ -18,6 +18,7 @@ from scipy.spatial import KDTree
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from .certainty import Certainty
 from .convex_pieces import convex_pieces
 from .patch import Patch
 from .polygon import shear_of, width
@@ -82,12 +83,13 @@ class Plane:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatPiece:
     """A plane, a polygon or several in it (shapely's), the triangles that it is of, and the rms of their corners off
-    the plane [m]."""
+    the plane [m]; how sure plane and edges are, where they were measured."""
 
     plane: Plane
     polygon: Any
     triangles: NDArray[np.int_]
     rms_m: float
+    certainty: Certainty | None = None
 
     def pieces(self, least_m: float) -> Iterator[Array]:
         """Its convex pieces that are nowhere to be called a sliver, see ``wide``."""

@@ -56,7 +56,7 @@ class FootholdLimits:
         check_limits(self)
 
     @classmethod
-    def for_foot(cls, radius_m: float, **others: float) -> FootholdLimits:
+    def for_foot(cls, radius_m: float, **others: Any) -> FootholdLimits:
         """The limits whose margin and least width are a foot's radius, or ``FOOT_M`` where that is 0."""
         foot = radius_m or FOOT_M
         return cls(**{"margin_m": foot, "width_m": foot, **others})
@@ -91,12 +91,31 @@ class TerrainPatch:
         """Between its normal and the vertical [rad]."""
         return float(np.arccos(np.clip(self.patch.normal[2], -1.0, 1.0)))
 
+    @property
+    def height_sd_m(self) -> float | None:
+        """Standard deviation of its plane's height, the largest at its corners; None where it was not measured [m]."""
+        sure = self.patch.certainty
+        return None if sure is None else float(sure.height_sd_m(self.patch.vertices_m[:, :2]).max())
+
+    @property
+    def tilt_sd_rad(self) -> float | None:
+        """Standard deviation of its plane's tilt [rad]."""
+        sure = self.patch.certainty
+        return None if sure is None else sure.tilt_sd_rad
+
+    @property
+    def edge_sd_m(self) -> float | None:
+        """Standard deviation of the place of its surface's edges [m]."""
+        sure = self.patch.certainty
+        return None if sure is None else sure.edge_sd_m
+
     def to_json(self) -> dict[str, Any]:
         """JSON-ready values."""
         return {
             "vertices_m": self.patch.vertices_m.tolist(), "normal": self.patch.normal.tolist(),
             "area_m2": self.area_m2, "slope_rad": self.slope_rad, "rms_m": self.rms_m, "samples": self.samples,
             "surface": self.surface,
+            "height_sd_m": self.height_sd_m, "tilt_sd_rad": self.tilt_sd_rad, "edge_sd_m": self.edge_sd_m,
         }  # fmt: skip
 
 
@@ -111,6 +130,7 @@ class Footholds:
         refused_m2: the area of what else there is, by reason (``REASONS``) [m²].
         surfaces: the whole terrain as patches, for bodies to keep out of and for pictures.
         limits: that they are within.
+        noise_m: deviation of a map's or a cloud's heights, as it was told or as they show it; None of a mesh [m].
     Source:
         None: planar convex pieces with a margin.
     Example:
@@ -126,10 +146,17 @@ class Footholds:
     refused_m2: dict[str, float]
     surfaces: tuple[Patch, ...]
     limits: FootholdLimits
+    noise_m: float | None = None
+
+    @property
+    def noise_source(self) -> str:
+        """Whether the noise was told or estimated."""
+        return "estimated from the heights" if self.limits.noise_m is None else "as given"
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready values."""
         return {
-            "terrain": self.name, "area_m2": self.area_m2, "refused_m2": self.refused_m2,
+            "terrain": self.name, "area_m2": self.area_m2, "refused_m2": self.refused_m2, "noise_m": self.noise_m,
+            "noise": None if self.noise_m is None else self.noise_source,
             "patches": [piece.to_json() for piece in self.pieces],
         }  # fmt: skip

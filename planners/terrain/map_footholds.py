@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
 from .cells import Cells, Labels, fitted
+from .certainty import certainties
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
@@ -74,6 +75,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     refused["small"] = float(spacing**2 * narrow.sum())
     refused["rough"] = float(spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum())
     refused["hole"] = float(spacing**2 * (~known & (labels < 0)).sum())
+    sure = certainties(labels, cells, noise_m if noisy else 0.0, limits.margin_m)
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
@@ -84,13 +86,19 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
         outline = _outline(labels[where] == number, (where[0].start, where[1].start), spacing, plane)
         own = terrain.samples if terrain.samples is not None and not cells.sparse else cells.moments[0]
         samples = int(own[where][labels[where] == number].sum())
-        facet = FlatPiece(plane=plane, polygon=outline, triangles=np.arange(samples), rms_m=float(rms[number]))
+        facet = FlatPiece(
+            plane=plane,
+            polygon=outline,
+            triangles=np.arange(samples),
+            rms_m=float(rms[number]),
+            certainty=sure[number],
+        )
         pieces += standing_pieces(facet, outline, number, limits, friction, refused)
         surfaces += [plane.patch(piece, friction) for piece in facet.pieces(SMALLEST_M)]
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
         name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
-        surfaces=tuple(surfaces), limits=limits,
+        surfaces=tuple(surfaces), limits=limits, noise_m=noise_m,
     )  # fmt: skip
 
 
@@ -113,8 +121,9 @@ def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[Cells, flo
         cells = Cells.of_map(terrain)
         return cells, cells.noise_m() if limits.noise_m is None else limits.noise_m
     spacing, noise_m = terrain.spacing_m, limits.noise_m
-    if noise_m is None:
+    if noise_m is None:  # the upper side is cut by the noise, so that it is estimated twice
         noise_m = Cells.of_points(terrain.points_m, spacing, 0.0).noise_m()
+        noise_m = Cells.of_points(terrain.points_m, spacing, noise_m).noise_m()
     return Cells.of_points(terrain.points_m, spacing, noise_m), noise_m
 
 

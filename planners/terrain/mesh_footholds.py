@@ -82,11 +82,15 @@ def standing_pieces(
     facet: FlatPiece, free: Any, surface: int, limits: FootholdLimits, friction: float, refused: dict[str, float]
 ) -> list[TerrainPatch]:
     """The convex pieces of what is free of a facet, the margin away from its border; refused gets what is lost."""
-    inner = free.buffer(-limits.margin_m, join_style="mitre") if limits.margin_m > 0.0 else free
+    margin_m = limits.margin_m if facet.certainty is None else facet.certainty.inset_m
+    inner = free.buffer(-margin_m, join_style="mitre") if margin_m > 0.0 else free
     kept = replace(facet, polygon=inner).pieces(max(limits.width_m, SMALLEST_M))
     found = [
         TerrainPatch(
-            patch=facet.plane.patch(piece, friction), rms_m=facet.rms_m, samples=len(facet.triangles), surface=surface
+            patch=facet.plane.patch(piece, friction).with_certainty(facet.certainty),
+            rms_m=facet.rms_m,
+            samples=len(facet.triangles),
+            surface=surface,
         )
         for piece in kept
     ]

@@ -35,11 +35,13 @@ SURE = 16.4
 ALIKE = 25.0
 """Two surfaces of one plane have a larger sum of squares than of two planes by more than this, in variances of the
 noise, once in ten thousand times."""
+OF_PLACES = np.array([1.0] * 6 + [0.0] * 4)[:, None]
+"""Of moments those without heights."""
 OFF = 2.5
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 FARTHEST = 3.0
 """A cell is off the plane of its surface by no more than this, in deviations."""
-AGREEMENT, SWEEPS = 1.0, 4
+AGREEMENT, SWEEPS = 1.5, 4
 """What a neighbour of the same surface counts for, as a difference of squares in variances of the noise, and how often
 borders are looked at."""
 ROUNDS, LLOYD, JOINED = 12, 4, 16
@@ -283,12 +285,16 @@ def _joined(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float
             break
         i, j = np.nonzero(labels >= 0)
         sums = sums_of(labels[i, j], cells.moments[:, i, j], int(labels.max()) + 1)
-        squares = solved(sums)[1] ** 2 * sums[0]
+        planes, rms = solved(sums)
+        squares = rms**2 * sums[0]
         both = sums[:, pairs[0]] + sums[:, pairs[1]]
         worse = solved(both)[1] ** 2 * both[0] - squares[pairs[0]] - squares[pairs[1]]
-        few = np.minimum(sums[0][pairs[0]], sums[0][pairs[1]])
-        cost = worse / noise_m**2
-        alike = cost <= ALIKE
+        smaller = np.where(sums[0][pairs[0]] < sums[0][pairs[1]], pairs[0], pairs[1])
+        few = sums[0][smaller]
+        apart = mean_square(planes[:, pairs[0]] - planes[:, pairs[1]], sums[:, smaller] * OF_PLACES)
+        unseen = (0.5 * limits.roughness_m) ** 2 + 12.0 * noise_m**2 / few  # two deviations of the smaller one's plane
+        cost = np.minimum(worse / noise_m**2 / ALIKE, apart / unseen)
+        alike = cost <= 1.0
         least = np.full(len(squares), np.inf)
         for row in pairs:
             np.minimum.at(least, row[alike], cost[alike])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, collect_errors, cross, read_only
+from ..files.codec import LATER
+from .certainty import Certainty
 from .prism import Solid
 
 FLATNESS = 2e-3
@@ -27,6 +29,7 @@ class Patch:
         normal: unit normal n, out of the terrain towards the robot, shape (3,).
         shear_reference: direction whose projection on the patch is the second shear axis z, shape (3,); not along n.
         friction: μ ≥ 0.
+        certainty: how sure its plane and its edges are, where it was measured with noise.
     Raises:
         InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along the normal.
     Source:
@@ -44,6 +47,7 @@ class Patch:
     normal: Array
     shear_reference: Array
     friction: float
+    certainty: Certainty | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -74,6 +78,10 @@ class Patch:
     def with_friction(self, friction: float) -> Patch:
         """The same surface with another friction; its geometry is not looked at again. Raises InvalidInput."""
         return self._with("friction", checked(friction, "friction", least=0.0))
+
+    def with_certainty(self, certainty: Certainty | None) -> Patch:
+        """The same surface with another certainty; its geometry is not looked at again."""
+        return self._with("certainty", certainty)
 
     def with_vertices(self, vertices_m: Array) -> Patch:
         """Another polygon in the same plane; nothing else is looked at again. Raises InvalidInput."""

@@ -35,6 +35,7 @@ from .joints import check_whole_body
 from .postures import posture_report, refused, violation, worst_groups
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
+from .touch_down import ground_group
 
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
@@ -124,8 +125,10 @@ class _Sweep:
         self._stands()
         self._steps()
         bent, exact_m = self._linearisation()
+        ground = ground_group(self._plan)
+        own = () if ground is None else (ground,)
         return Report(
-            groups=(*self._found.values(), *further_groups(self._plan), *body),
+            groups=(*self._found.values(), *own, *further_groups(self._plan), *body),
             answer=self._plan,
             tolerance=self._tolerance,
             figures={
@@ -323,9 +326,7 @@ class _Sweep:
         if found.worst > self._found[group].worst:
             self._found[group] = found
 
-    def _group(
-        self, name: str, value: float, limb: str = "", frame: int | None = None, *, unit: str = ""
-    ) -> Group:
+    def _group(self, name: str, value: float, limb: str = "", frame: int | None = None, *, unit: str = "") -> Group:
         """A group of what couples frames."""
         unit = PLAN_GROUPS.get(name, unit)
         return violation(name, value, self._units[unit], self._tolerance, unit=unit, limb=limb, when=frame)

@@ -1,0 +1,79 @@
+"""Whether toes find their footholds on a ground that is known from noisy heights.
+
+Grounds are drawn from the certainty of the patches that toes stand on: each surface's plane by its covariance, one
+draw for all of its toes, and its edge at each toe by its deviation. A foot comes down until it feels, at most three
+standard deviations of the plane's height from where it is planned, and no more than two centimetres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..answer.plan import Plan
+from ..answer.report import Group
+from ..files.arrays import Array
+from ..terrain.certainty import Certainty
+from ..terrain.patch import Patch
+from ..terrain.polygon import half_planes
+
+DRAWS = 200
+SIGMAS, TOUCH_DOWN_M = 3.0, 0.02
+"""How far beyond its place a foot comes down: in deviations of the plane's height, and at most [m]."""
+SHARE = 0.95
+"""Of the grounds drawn, those on which every toe has to find its foothold."""
+SEED = 46
+"""The same grounds are drawn each time, so that a file is judged as its plan was."""
+
+
+def ground_group(plan: Plan) -> Group | None:
+    """The share of grounds on which some toe misses its foothold; None where no patch says how sure it is."""
+    course = plan.problem
+    patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
+    sure = [(p, patch.certainty) for p, patch in enumerate(patches) if patch.certainty is not None]
+    if not sure:
+        return None
+    draws = np.random.default_rng(SEED)
+    planes = dict[tuple[bytes, bytes], Array]()
+    missed, deviations = np.zeros((len(sure), DRAWS), dtype=bool), np.zeros(len(sure))
+    for row, (p, certainty) in enumerate(sure):
+        key = certainty.covariance.tobytes(), certainty.about_m.tobytes()
+        if key not in planes:
+            planes[key] = draws.standard_normal((DRAWS, 3)) @ _root(certainty).T
+        place, upward = plan.toes_m[p, :2], patches[p].normal[2]
+        off = upward * np.abs(planes[key] @ certainty.levers(place))
+        deviations[row] = upward * float(certainty.height_sd_m(place))
+        from_edge = certainty.inset_m + _from_border(patches[p], plan.toes_m[p])
+        beyond = certainty.edge_sd_m * draws.standard_normal(DRAWS) > from_edge
+        missed[row] = (off > min(SIGMAS * deviations[row], TOUCH_DOWN_M)) | beyond
+    share, worst = float(missed.any(axis=0).mean()), int(missed.sum(axis=1).argmax())
+    put = course.footholds[sure[worst][0]]
+    text = f"{put.limb} at frame {put.frame}: every toe finds its foothold on {1.0 - share:.1%} of the grounds drawn"
+    return Group(
+        "ground",
+        value=share,
+        limit=1.0 - SHARE,
+        unit="1",
+        where=put.limb,
+        limb=put.limb,
+        when=float(put.frame),
+        message=f"{text}, expected {SHARE:.0%}" if share > 1.0 - SHARE else "",
+        figures={
+            "found_share": 1.0 - share,
+            "grounds": DRAWS,
+            "height_sd_m": float(deviations.max()),
+            "touch_down_m": float(min(SIGMAS * deviations.max(), TOUCH_DOWN_M)),
+        },
+    )
+
+
+def _from_border(patch: Patch, toe_m: Array) -> float:
+    """How far a toe is inside the border of its patch, 0 outside [m]."""
+    axes = patch.frame[:, 1:]
+    normals, offsets = half_planes((patch.vertices_m - patch.centre_m) @ axes)
+    return max(float((offsets - normals @ ((toe_m - patch.centre_m) @ axes)).min()), 0.0)
+
+
+def _root(certainty: Certainty) -> Array:
+    """A matrix whose square is the covariance, shape (3, 3)."""
+    values, vectors = np.linalg.eigh(certainty.covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -1,0 +1,84 @@
+"""Footholds of noisy heights end at steps, strips are found, and each says how sure it is."""
+
+import numpy as np
+import pytest
+
+from stancekit.planners.terrain.cells import Cells
+from stancekit.planners.terrain.elevation import ElevationMap
+from stancekit.planners.terrain.foothold_search import footholds_of
+from stancekit.planners.terrain.footholds import FootholdLimits
+
+EDGES = (0.35, 0.65)
+
+
+def steps(x):
+    """Heights of two steps of 6 cm."""
+    return 0.06 * (x > EDGES[0]) + 0.06 * (x > EDGES[1])
+
+
+def noisy_steps(noise_m, seed=5):
+    rng = np.random.default_rng(seed)
+    x_m, y_m = np.arange(-1.0, 2.0, 0.02), np.arange(-0.9, 0.9, 0.02)
+    heights = steps(x_m)[:, None] + rng.normal(0.0, noise_m, (len(x_m), len(y_m)))
+    return ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="steps")
+
+
+def cloud_of_steps(noise_m, count=60_000):
+    rng = np.random.default_rng(5)
+    points = np.column_stack([rng.uniform(-1.0, 2.0, count), rng.uniform(-0.9, 0.9, count), np.zeros(count)])
+    points[:, 2] = steps(points[:, 0]) + rng.normal(0.0, noise_m, count)
+    return ElevationMap.of_points(points, 0.02, "cloud")
+
+
+@pytest.mark.parametrize("ground", [noisy_steps(0.02), noisy_steps(0.03), cloud_of_steps(0.02)])
+def test_no_foothold_lies_over_a_step_of_twice_the_noise(ground):
+    found = footholds_of(ground, FootholdLimits())
+    assert found.noise_m == pytest.approx(0.03 if found.noise_m > 0.025 else 0.02, rel=0.05)
+    assert found.area_m2 > 3.0
+    for piece in found.pieces:
+        corners = piece.patch.vertices_m
+        assert len(np.unique(np.searchsorted(EDGES, corners[:, 0]))) == 1
+        assert np.abs(corners[:, 2] - steps(corners[:, 0])).max() < 0.02
+        assert piece.slope_rad < 0.09
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.02])
+def test_a_beam_of_three_samples_is_found_beside_a_drop(noise_m):
+    x_m, y_m = np.arange(-1.0, 1.001, 0.05), np.arange(-0.6, 0.601, 0.05)
+    heights = np.where(np.abs(y_m) < 0.075, 0.0, -0.3) * np.ones((len(x_m), 1))
+    heights = heights + np.random.default_rng(1).normal(0.0, noise_m, heights.shape)
+    found = footholds_of(ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="beam"))
+    on_beam = [piece for piece in found.pieces if piece.patch.centre_m[2] > -0.1]
+    assert sum(piece.area_m2 for piece in on_beam) > 0.05
+    assert all(np.abs(piece.patch.vertices_m[:, 1]).max() < 0.055 for piece in on_beam)
+    assert found.refused_m2["rough"] < 0.02
+
+
+def test_strips_too_narrow_for_samples_are_not_called_rough():
+    x_m, y_m = np.arange(-1.0, 1.001, 0.05), np.arange(-0.6, 0.601, 0.05)
+    heights = np.where((np.abs(y_m) < 0.01) | (y_m > 0.2), 0.0, -0.3) * np.ones((len(x_m), 1))
+    found = footholds_of(ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="bar"))
+    assert found.refused_m2["small"] == pytest.approx(0.05 * 2.05, rel=0.1)
+    assert found.refused_m2["rough"] < 0.01
+
+
+def test_the_plane_of_a_wide_surface_is_off_by_no_more_than_three_deviations():
+    for seed in range(5):
+        found = footholds_of(noisy_steps(0.02, seed))
+        floor = max(
+            (piece for piece in found.pieces if piece.patch.centre_m[0] < 0.3),
+            key=lambda piece: piece.area_m2,
+        ).patch
+        place = np.array([-0.3, 0.2])
+        height = floor.vertices_m[0, 2] - (place - floor.vertices_m[0, :2]) @ floor.normal[:2] / floor.normal[2]
+        sd_m = float(floor.certainty.height_sd_m(place))
+        assert abs(height) < 3.0 * sd_m < 0.01
+
+
+def test_noise_is_estimated_and_what_is_exact_has_none():
+    assert Cells.of_map(noisy_steps(0.0)).noise_m() < 1e-9
+    for noise_m in (0.005, 0.02):
+        assert Cells.of_map(noisy_steps(noise_m)).noise_m() == pytest.approx(noise_m, rel=0.05)
+    told = footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=0.025))
+    assert (told.noise_m, told.noise_source) == (0.025, "as given")
+    assert footholds_of(noisy_steps(0.0)).pieces[0].height_sd_m < 1e-6
