@@ -31,6 +31,9 @@ CAUTION = 0.5
 """Fraction of the time that all shares but the last, and plans that press, may use together."""
 EACH = 0.5
 """Fraction of what is left of that which one of them may use."""
+SPARE, SPARE_S = 1.0, 1.0
+"""A push that nothing depends on, as of a robot whose legs are drawn up or not known, is looked for as long as the plan
+took, and at least so long [s]; what is begun is ended."""
 TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
@@ -123,6 +126,8 @@ def _braced(
     they bear: 0 for none."""
     assert outcome.solution is not None
     borne = push_share(outcome.solution)
+    patience_s = math.inf if course.robot.source.own else max(SPARE_S, SPARE * outcome.effort.seconds)
+    deadline = min(deadline, time.perf_counter() + patience_s)
     for share in PUSHES:
         limited = None if share <= borne else in_time(_quick(planner), _part_of_time(deadline))
         if limited is None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.answer import TimeLimited
@@ -103,3 +103,32 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
     assert late.status is Status.UNDECIDED
     assert late.message == "the time limit ended before the search for contacts began"
     assert len(planner.asked) == 2
+
+
+def test_a_push_that_nothing_depends_on_is_looked_for_no_longer_than_the_plan_took(
+    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, given = [0.0], list[float]()
+    plan = walk()
+    assert not plan.problem.robot.source.own
+
+    @dataclass
+    class Slow(TimeLimited):
+        name: str = "slow"
+        time_limit_s: float = 600.0
+
+        def solve(self, course: Problem) -> Answer[Plan]:
+            given.append(self.time_limit_s)
+            began, found = now[0], course.push_n == 0.0
+            now[0] += 7.0 if found else self.time_limit_s
+            return Answer(
+                status=Status.FEASIBLE if found else Status.UNDECIDED,
+                method=self.name,
+                solution=replace(plan, problem=course) if found else None,
+                effort=Effort(seconds=now[0] - began),
+            )
+
+    monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("stancekit.planners.search.friction_margin.push_share", lambda plan: 0.0)
+    assert plan_with_reserve(Slow(), plan.problem, (1.0,), (0.2,)).status is Status.FEASIBLE
+    assert 0.0 < sum(given[1:3]) <= 7.0
