@@ -75,7 +75,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     refused["small"] = float(spacing**2 * narrow.sum())
     refused["rough"] = float(spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum())
     refused["hole"] = float(spacing**2 * (~known & (labels < 0)).sum())
-    sure = certainties(labels, cells, noise_m if noisy else 0.0, limits.margin_m)
+    sure = certainties(labels, cells, noise_m, limits.margin_m) if noisy else [None] * len(planes)
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
