@@ -114,9 +114,10 @@ def _table(found: Footholds) -> Table:
     table.add_row("rms off plane", f"{1e3 * np.median(rms):.2g} mm median, {1e3 * rms.max():.2g} mm at most")
     if found.noise_m is not None:
         table.add_row("noise", f"{1e3 * found.noise_m:.2g} mm, {found.noise_source}")
+    known = [piece for piece in found.pieces if piece.height_sd_m is not None]
+    if known:
         height, tilt, edge = (
-            np.array([getattr(piece, name) or 0.0 for piece in found.pieces])
-            for name in ("height_sd_m", "tilt_sd_rad", "edge_sd_m")
+            np.array([getattr(piece, name) for piece in known]) for name in ("height_sd_m", "tilt_sd_rad", "edge_sd_m")
         )
         table.add_row("sd of height", f"{1e3 * np.median(height):.2g} mm median, {1e3 * height.max():.2g} mm at most")
         table.add_row("sd of tilt", f"{np.rad2deg(np.median(tilt)):.2g}° median, {np.rad2deg(tilt.max()):.2g}° at most")
