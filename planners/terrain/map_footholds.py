@@ -22,10 +22,10 @@ from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
 from .cells import Cells, Labels, fitted
-from .certainty import certainties
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
+from .map_certainty import certainties
 from .mesh_footholds import standing_pieces
 from .noisy_surfaces import noisy_surfaces
 from .patch import Patch

@@ -130,6 +130,6 @@ def test_a_ball_in_a_hole_is_as_far_from_the_rim_as_it_is() -> None:
             collides=True,
         )  # fmt: skip
         rim = min(at[:2].min() - 0.1, 0.9 - at[:2].max()) - radius
-        places = np.tile(np.eye(3), (2, 1, 1)), np.array([np.zeros(3), at])
-        assert bodies([beams, ball])._distance(*places, 0, 1) == pytest.approx(rim, abs=1e-5)
-        assert bodies([concave(parts=False), ball])._distance(*places, 0, 1) < 0.0
+        places = np.tile(np.eye(3), (1, 2, 1, 1)), np.array([[np.zeros(3), at]])
+        assert bodies([beams, ball])._distances(places)(0, 0, 1) == pytest.approx(rim, abs=1e-5)
+        assert bodies([concave(parts=False), ball])._distances(places)(0, 0, 1) < 0.0
