@@ -26,7 +26,7 @@ Labels = NDArray[np.int_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cells:
+class GroundCells:
     """Sums over the samples of each cell, with places in cells from the first one.
 
     Arguments:
@@ -42,7 +42,7 @@ class Cells:
     sparse: bool = False
 
     @classmethod
-    def of_map(cls, terrain: ElevationMap) -> Cells:
+    def of_map(cls, terrain: ElevationMap) -> GroundCells:
         """One sample per cell that has a height."""
         lowest = float(np.nanmean(terrain.heights_m))
         known = np.isfinite(terrain.heights_m)
@@ -56,7 +56,7 @@ class Cells:
         )
 
     @classmethod
-    def of_points(cls, points_m: Array, coarsest_m: float, noise_m: float) -> Cells:
+    def of_points(cls, points_m: Array, coarsest_m: float, noise_m: float) -> GroundCells:
         """The upper side of a cloud, shape (K, 3), about two points per cell and no cell wider than ``coarsest_m``."""
         low, high = points_m.min(axis=0), points_m.max(axis=0)
         area = max(float(np.prod(high[:2] - low[:2])), coarsest_m**2)
@@ -94,7 +94,7 @@ class Cells:
         i, j = np.indices(one.shape, dtype=np.float64)
         return np.where(self.known, self.moments[1] / one, i), np.where(self.known, self.moments[2] / one, j)
 
-    def only(self, wanted: NDArray[np.bool_]) -> Cells:
+    def only(self, wanted: NDArray[np.bool_]) -> GroundCells:
         """The same without the samples of other cells."""
         return replace(self, moments=self.moments * wanted)
 
@@ -147,7 +147,7 @@ def sums_of(number: Labels, moments: Array, count: int) -> Array:
     return np.array([np.bincount(number, weights=value, minlength=count) for value in moments])
 
 
-def fitted(labels: Labels, cells: Cells) -> tuple[Array, Array, Array]:
+def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
     """The plane (a, b, c) of every surface with places in cells, shape (S, 3), its rms and how many samples it has."""
     i, j = np.nonzero(labels >= 0)
     sums = sums_of(labels[i, j], cells.moments[:, i, j], int(labels.max(initial=-1)) + 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..files.arrays import Array
-from .cells import Cells, Labels, fitted
+from .cells import GroundCells, Labels, fitted
 from .certainty import Certainty
 
 LAG_M = 0.15
@@ -21,7 +21,7 @@ FEWEST = 30
 """Cells of a surface whose residuals count for the correlation."""
 
 
-def certainties(labels: Labels, cells: Cells, noise_m: float, margin_m: float) -> list[Certainty]:
+def certainties(labels: Labels, cells: GroundCells, noise_m: float, margin_m: float) -> list[Certainty]:
     """The certainty of each surface.
 
     Arguments:

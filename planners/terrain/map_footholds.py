@@ -21,13 +21,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
-from .cells import Cells, Labels, fitted
+from .cells import GroundCells, Labels, fitted, solved
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import certainties
 from .mesh_footholds import standing_pieces
-from .noisy_surfaces import noisy_surfaces
+from .noisy_surfaces import halves_of, noisy_surfaces
 from .patch import Patch
 from .polygon import SMALLEST_M
 
@@ -115,16 +115,16 @@ def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray
     return found
 
 
-def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[Cells, float]:
+def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCells, float]:
     """The samples of a map or of its cloud, and their noise: as it is told, else as they show it [m]."""
     if terrain.points_m is None:
-        cells = Cells.of_map(terrain)
+        cells = GroundCells.of_map(terrain)
         return cells, cells.noise_m() if limits.noise_m is None else limits.noise_m
     spacing, noise_m = terrain.spacing_m, limits.noise_m
     if noise_m is None:  # the upper side is cut by the noise, so that it is estimated twice
-        noise_m = Cells.of_points(terrain.points_m, spacing, 0.0).noise_m()
-        noise_m = Cells.of_points(terrain.points_m, spacing, noise_m).noise_m()
-    return Cells.of_points(terrain.points_m, spacing, noise_m), noise_m
+        noise_m = GroundCells.of_points(terrain.points_m, spacing, 0.0).noise_m()
+        noise_m = GroundCells.of_points(terrain.points_m, spacing, noise_m).noise_m()
+    return GroundCells.of_points(terrain.points_m, spacing, noise_m), noise_m
 
 
 def _outline(mask: NDArray[np.bool_], corner: tuple[int, int], spacing: float, plane: Plane) -> Any:
@@ -161,7 +161,7 @@ def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: 
     """The surface of every cell, −1 for none, by the planes about cells."""
     half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
     moments = _windowed(heights, known, half)
-    plane, rms = _solved(moments)
+    plane, rms = solved(np.stack(moments))
     slope = np.hypot(plane[0], plane[1]) / spacing
     steepest = np.tan(min(limits.slope_rad + TURN_RAD, 1.5))
     window = (2 * half + 1) ** 2
@@ -202,21 +202,6 @@ def _windowed(heights: Array, known: NDArray[np.bool_], half: int) -> list[Array
     ]  # fmt: skip
 
 
-def _solved(moments: list[Array] | Array) -> tuple[Array, Array]:
-    """Least-squares planes z = a·x + b·y + c by moments, (a, b, c) a column, and the rms off them."""
-    one, x, y, xx, xy, yy, z, xz, yz, zz = moments
-    one = np.maximum(one, 1e-12)
-    cxx, cxy, cyy = xx - x * x / one, xy - x * y / one, yy - y * y / one
-    cxz, cyz, czz = xz - x * z / one, yz - y * z / one, zz - z * z / one
-    double = cxx * cyy - cxy * cxy
-    safe = np.where(double > 1e-9 * one * one, double, 1.0)
-    a = np.where(double > 1e-9 * one * one, (cxz * cyy - cyz * cxy) / safe, 0.0)
-    b = np.where(double > 1e-9 * one * one, (cyz * cxx - cxz * cxy) / safe, 0.0)
-    c = (z - a * x - b * y) / one
-    rest = czz - 2.0 * (a * cxz + b * cyz) + a * a * cxx + 2.0 * a * b * cxy + b * b * cyy
-    return np.stack([a, b, c]), np.sqrt(np.maximum(rest, 0.0) / one)
-
-
 def _continued(
     plane: Array, ground: NDArray[np.bool_], axis: int, spacing: float, turn: float, step: float
 ) -> tuple[Labels, Labels]:
@@ -250,7 +235,7 @@ def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
     i, j = np.nonzero(labels >= 0)
     number = labels[i, j]
     count = int(labels.max(initial=-1)) + 1
-    planes, rms = _solved(_moments_of(number, i.astype(float), j.astype(float), heights[i, j], count))
+    planes, rms = solved(_moments_of(number, i.astype(float), j.astype(float), heights[i, j], count))
     return planes.T, rms, np.bincount(number, minlength=count)
 
 
@@ -264,9 +249,9 @@ def _parted(labels: Labels, heights: Array, smooth: Array, most_rms: float) -> L
         i, j = np.nonzero((labels >= 0) & np.append(bent, False)[labels])
         number, z = labels[i, j], smooth[i, j]
         x, y = i.astype(float), j.astype(float)
-        side = _halves(number, x, y, len(planes))
+        side = halves_of(number, x, y, len(planes))
         for _ in range(LLOYD):
-            both, _ = _solved(_moments_of(2 * number + side, x, y, z, 2 * len(planes)))
+            both, _ = solved(_moments_of(2 * number + side, x, y, z, 2 * len(planes)))
             planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
             off = np.abs(planes_of[0] * x + planes_of[1] * y + planes_of[2] - z)
             side = (off[1] < off[0]).astype(int)
@@ -274,17 +259,6 @@ def _parted(labels: Labels, heights: Array, smooth: Array, most_rms: float) -> L
         halves[i, j] = 2 * number + side
         labels = _connected_again(labels, halves)
     return labels
-
-
-def _halves(number: Labels, x: Array, y: Array, count: int) -> Labels:
-    """On which side of the middle of its surface, across its longer axis, each cell is."""
-    one, sx, sy, sxx, sxy, syy = (
-        np.bincount(number, weights=value, minlength=count) for value in (None, x, y, x * x, x * y, y * y)
-    )
-    one = np.maximum(one, 1)
-    mx, my = sx / one, sy / one
-    angle = 0.5 * np.arctan2(2.0 * (sxy / one - mx * my), sxx / one - mx * mx - (syy / one - my * my))
-    return ((x - mx[number]) * np.cos(angle)[number] + (y - my[number]) * np.sin(angle)[number] > 0.0).astype(int)
 
 
 def _connected_again(labels: Labels, halves: Labels) -> Labels:

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
-from .cells import Cells, Labels, about, boxed, fitted, mean_square, solved, sums_of
+from .cells import GroundCells, Labels, about, boxed, fitted, mean_square, solved, sums_of
 from .footholds import FootholdLimits
 
 FINE_SD_M = 0.0035
@@ -52,7 +52,7 @@ CLOSED, MOST_VOTES, ALONE = 3, 5, 4.5
 may be in deviations of the noise."""
 
 
-def noisy_surfaces(cells: Cells, limits: FootholdLimits, noise_m: float) -> Labels:
+def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
     """The surface of every cell, −1 for none, shape (n, m)."""
     labels = np.full(cells.known.shape, -1)
     if np.count_nonzero(cells.known) < FEWEST:
@@ -76,7 +76,7 @@ def noisy_surfaces(cells: Cells, limits: FootholdLimits, noise_m: float) -> Labe
     return renumbered(_large_enough(_closed(labels, cells, noise_m), cells))
 
 
-def _trimmed(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float) -> Labels:
+def _trimmed(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
     """Surfaces that are no planes within the noise, without the cells that are farthest off."""
     most = float(np.hypot(limits.roughness_m, noise_m))
     for share in TRIMMED:
@@ -90,7 +90,7 @@ def _trimmed(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: floa
     return labels
 
 
-def _closed(labels: Labels, cells: Cells, noise_m: float) -> Labels:
+def _closed(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     """Labels with single cells in the midst of a surface given to it: of noise far off, or of a cloud's chance."""
     n, m = labels.shape
     fillable = np.ones((n, m), dtype=bool) if cells.sparse else cells.known
@@ -112,7 +112,7 @@ def _closed(labels: Labels, cells: Cells, noise_m: float) -> Labels:
     return labels
 
 
-def _of_squares(cells: Cells, side: int, limits: FootholdLimits, noise_m: float) -> Labels:
+def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: float) -> Labels:
     """Surfaces by the best square about each cell, of 3 × 3 blocks of this side in cells."""
     blocks = boxed(cells.moments, side)
     shifts = [(side * u, side * v) for u in (-1, 0, 1) for v in (-1, 0, 1)]
@@ -190,7 +190,7 @@ def renumbered(labels: Labels) -> Labels:
 
 
 def _misfits(
-    labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float, side: int
+    labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
 ) -> tuple[NDArray[np.bool_], Array]:
     """Which surfaces are no planes, by means over blocks of this side in cells."""
     i, j = np.nonzero(labels >= 0)
@@ -216,7 +216,7 @@ def _misfits(
     return bent & (count >= 2 * FEWEST), planes
 
 
-def _smoothed(labels: Labels, cells: Cells, side: int) -> Array:
+def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
     """Heights of cells as means over the cells of the same surface in a square, by its plane's slope."""
     planes = fitted(labels, cells)[0]
     of = np.maximum(labels, 0)
@@ -228,7 +228,7 @@ def _smoothed(labels: Labels, cells: Cells, side: int) -> Array:
     return np.asarray(a * i + b * j + c + box[1] / np.maximum(box[0], 0.5))
 
 
-def _parted(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
+def _parted(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
     """Surfaces parted in two until each is a plane."""
     for _ in range(ROUNDS):
         bent, planes = _misfits(labels, cells, limits, noise_m, side)
@@ -241,7 +241,7 @@ def _parted(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float
         number, z = labels[i, j], smooth[i, j]
         x, y = i.astype(float), j.astype(float)
         each = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
-        sides = _halves(number, x, y, size)
+        sides = halves_of(number, x, y, size)
         for _ in range(LLOYD):
             both, _ = solved(sums_of(2 * number + sides, each, 2 * size))
             planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
@@ -253,7 +253,7 @@ def _parted(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float
     return labels
 
 
-def _halves(number: Labels, x: Array, y: Array, count: int) -> Labels:
+def halves_of(number: Labels, x: Array, y: Array, count: int) -> Labels:
     """On which side of the middle of its surface, across its longer axis, each cell is."""
     one, sx, sy, sxx, sxy, syy = (
         np.bincount(number, weights=value, minlength=count) for value in (None, x, y, x * x, x * y, y * y)
@@ -272,7 +272,7 @@ def _apart(key: Labels) -> Labels:
     return renumbered(np.where(key >= 0, _components(one, other, key.shape), -1))
 
 
-def _joined(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
+def _joined(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
     """Neighbouring surfaces made one while one plane fits both as well as two, the most alike first."""
     for _ in range(JOINED):
         touching = [
@@ -307,7 +307,7 @@ def _joined(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float
     return labels
 
 
-def _bordered(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: float) -> Labels:
+def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
     """Cells at borders and without a surface, given to the one about them that height and neighbours speak for."""
     planes, rms, _ = fitted(labels, cells)
     if not len(planes):
@@ -335,7 +335,7 @@ def _bordered(labels: Labels, cells: Cells, limits: FootholdLimits, noise_m: flo
     return labels
 
 
-def _large_enough(labels: Labels, cells: Cells) -> Labels:
+def _large_enough(labels: Labels, cells: GroundCells) -> Labels:
     """Labels without surfaces of few samples, and parts apart from each other."""
     labels = _apart(labels)
     count = np.bincount(

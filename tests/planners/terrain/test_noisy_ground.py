@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stancekit.planners.terrain.cells import Cells
+from stancekit.planners.terrain.cells import GroundCells
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.foothold_search import footholds_of
 from stancekit.planners.terrain.footholds import FootholdLimits
@@ -76,9 +76,9 @@ def test_the_plane_of_a_wide_surface_is_off_by_no_more_than_three_deviations():
 
 
 def test_noise_is_estimated_and_what_is_exact_has_none():
-    assert Cells.of_map(noisy_steps(0.0)).noise_m() < 1e-9
+    assert GroundCells.of_map(noisy_steps(0.0)).noise_m() < 1e-9
     for noise_m in (0.005, 0.02):
-        assert Cells.of_map(noisy_steps(noise_m)).noise_m() == pytest.approx(noise_m, rel=0.05)
+        assert GroundCells.of_map(noisy_steps(noise_m)).noise_m() == pytest.approx(noise_m, rel=0.05)
     told = footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=0.025))
     assert (told.noise_m, told.noise_source) == (0.025, "as given")
     assert footholds_of(noisy_steps(0.0)).pieces[0].height_sd_m is None
