@@ -50,7 +50,7 @@ def fine() -> dict[str, dict[str, Any]]:
         "label": {"problems": "wall-3", "folder": "data"}, "fit": {"dataset": "data"},
         "evaluate": {"selector": "e.json", "dataset": "data"}, "load": {"path": "a"},
         "save": {"thing": problem, "path": "a.json"}, "robot": {"source": "hexapod"}, "terrain": {"source": "ripple"},
-        "film": {"motion": walk, "out": "a.mp4"}, "export": {"dataset": "data", "folder": "minari"},
+        "film": {"motion": walk, "out": "a.mp4"}, "export": {"subject": walk, "out": "w.csv"},
         "heights": {"source": "hill"}, "warp": {"terrain": "hill"}, "simulate": {"motion": walk},
         "run": {"motion": walk},
     }  # fmt: skip

@@ -29,7 +29,7 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "ray": (("ray",), ("label wall-3 new --executor ray --feasible 1 --infeasible 1",)),
     "datasets": (
         ("pyarrow", "minari"),
-        ("label wall-3 new --feasible 1 --infeasible 1", "fit rows --out e.json", "export rows minari"),
+        ("label wall-3 new --feasible 1 --infeasible 1", "fit rows --out e.json", "export rows --out minari"),
     ),
     "kin": (
         ("pinocchio",),
