@@ -118,7 +118,7 @@ def export(
         if count is None:
             raise InvalidInput(f"count: expected how many motions over {subject}, got none")
         return _drawn(subject, path, to or "reference", rate_hz, count, str(robot), progress)
-    if _is_rows(subject):
+    if _is_rows(subject) or (to == MINARI and isinstance(subject, str | Path)):
         assert not isinstance(subject, Plan | LeapPlan | Trajectory)
         return _rows(subject, path, to or MINARI, room, progress)
     assert not isinstance(subject, Dataset)

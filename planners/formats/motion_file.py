@@ -21,7 +21,7 @@ from ..files.archive import read_archive
 from ..files.arrays import Array
 from ..files.documents import read_json, read_text, read_yaml
 from ..files.validation import neighbour, shown
-from ..motion.motion_table import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
+from ..answer.motion_table import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 
 AXES = "xyz"
 OF_BODY = {

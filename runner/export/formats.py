@@ -15,7 +15,8 @@ from stancekit.planners.files.writing import check_writable, replaced, write_byt
 from stancekit.planners.formats.motion_file import csv_of, joint_trajectory_bytes, npz_of
 from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.motion.motion import Motion
-from stancekit.planners.motion.motion_table import LARGEST_RATE_HZ, MotionTable, table_of
+from stancekit.planners.answer.motion_table import MotionTable
+from stancekit.planners.motion.sampled import LARGEST_RATE_HZ, table_of
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot.legged import walking_robot
@@ -118,7 +119,7 @@ def moved_of(subject: Subject, to: str, rate_hz: float = RATE_HZ, source: str = 
         if FORMATS[to].joints:
             raise InvalidInput(f"{to}: expected a motion with joints, got one without: {without}") from None
     sampled: Motion = feet_motion(subject) if motion is None else motion
-    robot, limbs, terrain, gravity_m_s2 = _scene(subject)
+    robot, limbs, terrain, gravity_m_s2 = scene_of(subject)
     joints = () if motion is None or robot is None else joint_names(robot)
     name = "" if robot is None else robot.name
     table = table_of(sampled, limbs, joints, rate_hz, robot=name, source=source)
@@ -135,7 +136,7 @@ def beside(source: Path, to: str) -> Path:
     return source.with_suffix(f".{word}{suffix}" if suffix in (".npz", ".json") else suffix)
 
 
-def _scene(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
+def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
     """Who moves, what the limbs are called, over what, and how heavy all is."""
     match subject:
         case Plan():

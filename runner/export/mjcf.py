@@ -7,15 +7,16 @@ position loops give the motion's torques.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.motion_table import MotionTable
+from stancekit.planners.answer.motion_table import MotionTable
 
-from ..worlds.mujoco import MujocoWorld
+from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulated_body import SimulatedBody
 
 if TYPE_CHECKING:
@@ -87,3 +88,41 @@ def _embed(spec: Any, body: SimulatedBody) -> None:
             lines = [line.split() for line in content.decode().splitlines()]
             mesh.uservert = [float(x) for line in lines if line[0] == "v" for x in line[1:]]
             mesh.file = ""
+
+
+def read_keys(path: Path) -> MotionTable:
+    """The key frames of an MJCF file as a motion, by their times: joints and body, and nothing of contacts and forces.
+
+    The body is what the first free joint moves. Raises InvalidInput for a file that MuJoCo does not read, without key
+    frames, or without a free joint.
+    """
+    mujoco = mujoco_module()
+    if not path.is_file():
+        raise InvalidInput(f"{path}: expected a file, found nothing there")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InvalidInput(f"{path}: expected MuJoCo's MJCF: {' '.join(str(error).split())[:200]}") from None
+    if model.nkey < 2:
+        raise InvalidInput(f"{path}: expected two key frames or more, got {model.nkey}")
+    free = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]
+    if not free:
+        raise InvalidInput(f"{path}: expected a body with a free joint, got none")
+    order = np.argsort(model.key_time, kind="stable")
+    qpos, qvel, times = model.key_qpos[order], model.key_qvel[order], model.key_time[order]
+    turning = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    joints = [i for i in range(model.njnt) if model.jnt_type[i] in turning]
+    at = int(model.jnt_qposadr[free[0]])
+    try:
+        return MotionTable(
+            joints=tuple(model.joint(i).name for i in joints),
+            limbs=(),
+            time_s=times,
+            angles_rad=qpos[:, model.jnt_qposadr[joints]],
+            rates_rad_s=qvel[:, model.jnt_dofadr[joints]] if qvel.any() else None,
+            origin_m=qpos[:, at : at + 3],
+            quaternion=qpos[:, at + 3 : at + 7],
+            source=str(path),
+        )
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None

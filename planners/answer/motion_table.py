@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cached import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_name
-from ..robot.rotation import rotations_of
-from .motion import Motion
+from ..files.arrays import Array, checked_name
 
 FORMAT = "stancekit/motion/1"
 OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
 """Arrays with a column per joint, and what the columns' names begin with."""
 OF_LIMBS = {"contact": "contact", "forces_n": "force", "feet_m": "foot"}
 """The same of those with a column, or three, per limb."""
-LARGEST_RATE_HZ = 10_000.0
 EVEN = 1e-4
 """Times are a uniform grid to this share of a step; files round them."""
 
@@ -94,6 +93,16 @@ class MotionTable:
             raise InvalidInput("quaternion: expected how the body is turned, got nothing")
         return rotations_from(self.quaternion)
 
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of names and numbers, to the last bit."""
+        content = hashlib.sha256(repr((self.joints, self.limbs)).encode())
+        for name, array in self.known().items():
+            content.update(
+                f"\n{name} {array.dtype.str} {array.shape}\n".encode() + np.ascontiguousarray(array).tobytes()
+            )
+        return content.hexdigest()
+
     def known(self) -> dict[str, NDArray[Any]]:
         """The arrays that are there, by name."""
         found = {name: getattr(self, name) for name in shapes(0, 0, 0)}
@@ -136,56 +145,6 @@ def check_times(times_s: Array) -> None:
             f"time_s: row {row + 1}: expected a uniform grid, got a gap of {steps[row]:.6g} s at {times_s[row]:g} s "
             f"where others are {usual:.6g} s"
         )
-
-
-def table_of(
-    motion: Motion,
-    limbs: tuple[str, ...],
-    joints: tuple[str, ...] = (),
-    rate_hz: float = 100.0,
-    *,
-    robot: str = "",
-    source: str = "",
-) -> MotionTable:
-    """Sample a motion from its beginning to its end.
-
-    Arguments:
-        motion: what runs.
-        limbs, joints: their names, in the motion's order.
-        rate_hz: rows per second.
-        robot, source: for people.
-    """
-    checked(rate_hz, "rate_hz", above=0.0, most=LARGEST_RATE_HZ)
-    times = np.arange(int(np.floor(motion.duration_s * rate_hz + 1e-6)) + 1) / rate_hz
-    at = motion.at(times)
-    known = at.angles_rad is not None
-    return MotionTable(
-        joints=joints if known else (),
-        limbs=limbs,
-        time_s=times,
-        angles_rad=at.angles_rad,
-        rates_rad_s=at.rates_rad_s,
-        torques_nm=at.torques_nm,
-        origin_m=at.origin_m,
-        quaternion=quaternions_of(rotations_of(at.rotation_rad)),
-        com_m=at.com_m,
-        velocity_m_s=at.velocity_m_s,
-        turning_rad_s=at.angular_velocity_rad_s,
-        contact=at.stands,
-        forces_n=at.forces_n,
-        feet_m=at.feet_m,
-        robot=robot,
-        source=source,
-    )
-
-
-def quaternions_of(rotations: Array) -> Array:
-    """Quaternions w, x, y, z of rotation matrices, shape (T, 4), each on the side of the one before."""
-    from scipy.spatial.transform import Rotation
-
-    found = np.asarray(Rotation.from_matrix(rotations).as_quat(scalar_first=True))
-    turned = np.sum(found[1:] * found[:-1], axis=1) < 0.0
-    return np.asarray(found * np.where(np.concatenate([[False], np.cumsum(turned) % 2 == 1]), -1.0, 1.0)[:, None])
 
 
 def rotations_from(quaternions: Array) -> Array:
