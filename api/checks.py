@@ -16,7 +16,7 @@ from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.answer_file import answer_from_json, json_records, read_problems
 from stancekit.planners.problem import Problem
-from stancekit.planners.robot.model import Robot, hexapod
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.ground import Ground
 from stancekit.planners.verify import check_certificate, check_plan, explain
 
@@ -52,8 +52,9 @@ def check_file(
     motion from elsewhere, for a robot and a terrain.
 
     tolerance: of a plan. robot: a name or a file, whose a plan or a walk has to be. course: as ``plan`` takes it, which
-    a plan has to be of. terrain: of a motion, see ``_check_motion``. why: a reason is asked for, which proofs alone have. Raises InvalidInput for a file that holds
-    none of them, and for one of another robot or course.
+    a plan has to be of. terrain: of a motion, see ``_check_motion``. why: a reason is
+    asked for, which proofs alone have. Raises InvalidInput for a file that holds none of them, and for one of another
+    robot or course.
     """
     from stancekit.planners.formats import plan_file
     from stancekit.planners.formats.motion_file import is_motion_file
@@ -159,10 +160,12 @@ def _check_motion(
 
 def _legged(robot: str | Path) -> Robot:
     """The robot of a name or a file with its legs; what they reach is not looked at. Raises InvalidInput."""
-    from stancekit.planners.robot.legged import robot_of
-    from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
+    from stancekit.planners.robot.legged import robot_of, walking_robot
+    from stancekit.planners.robot.robot_file import named_robot
+    from stancekit.planners.robot.walker import BUILT_IN
 
-    return hexapod() if str(robot) in BUILT_IN else robot_of(named_robot(robot))
+    name = str(robot)
+    return walking_robot(BUILT_IN[name]()) if name in BUILT_IN else robot_of(named_robot(robot))
 
 
 def _subject(path: str) -> Plan | Trajectory:

@@ -1,4 +1,4 @@
-"""The verifier of motions that come from elsewhere: a table of joints and body, a robot and a terrain, and nothing else.
+"""The verifier of motions that come from elsewhere: a table of joints and body, a robot, a terrain, and nothing else.
 
 Feet, centre of mass and momentum are those of the robot's own file at the table's joints. Contacts are those of the
 table, or else of feet that are within ``GAP_M`` of the terrain and move neither to nor from it; whether forces that

@@ -110,8 +110,8 @@ def read_keys(path: Path) -> MotionTable:
         raise InvalidInput(f"{path}: expected a body with a free joint, got none")
     order = np.argsort(model.key_time, kind="stable")
     qpos, qvel, times = model.key_qpos[order], model.key_qvel[order], model.key_time[order]
-    turning = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    joints = [i for i in range(model.njnt) if model.jnt_type[i] in turning]
+    turning = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    joints = [i for i in range(model.njnt) if int(model.jnt_type[i]) in turning]
     at = int(model.jnt_qposadr[free[0]])
     try:
         return MotionTable(
