@@ -5,8 +5,8 @@
 Every file of a plan or a walk is exported, read back and judged beside the table that was exported: the same verdict,
 and figures within 1e-6; once more without contacts and forces: the same verdict per group where it is known; and four
 times spoiled, each of which has to be found: a foot that slips by 40 mm along x where it stands, a foot that goes 30 mm
-into what it stands on, a joint 0.05 rad beyond its limit, a body 0.5 stand heights
-aside of its feet, which tips over. FILEs are what ``stancekit plan`` and ``gait`` write.
+into what it stands on, a joint 0.05 rad beyond its limit, a body 60 mm beside
+the outermost foot that stands, which tips over. FILEs are what ``stancekit plan`` and ``gait`` write.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from stancekit.runner.export.formats import FORMATS, moved_of, scene_of
 from stancekit.runner.export.mjcf import read_keys
 from stancekit.runner.worlds.world import Terrain
 
-SLIP_M, DEEP_M, BEYOND_RAD, ASIDE = 0.04, 0.03, 0.05, 0.5
+SLIP_M, DEEP_M, BEYOND_RAD, BESIDE_M = 0.04, 0.03, 0.05, 0.06
 WANTED = {"slip": ("slip",), "overlap": ("bodies", "penetration"), "limit": ("joints",), "tip-over": ("balance",)}
 """By what was done to a motion, the groups of which one has to be violated."""
 
@@ -103,7 +103,8 @@ def spoiled(table: MotionTable, how: str, kinematics: Kinematics, terrain: Terra
         angles[:, joint] += hump * past.max()
         return replace(bare, angles_rad=angles)
     if how == "tip-over":  # the body goes aside, and its feet with it but those that stand: the joints follow
-        far = ASIDE * kinematics.model.stand_height_m
+        aside = np.where(known["contact"], known["feet_m"][..., 1], -np.inf).max(axis=1) - known["com_m"][:, 1]
+        far = float(aside[hump > 0.5].max()) + BESIDE_M
         origin[:, 1] += hump * far
         return replace(bare, origin_m=origin, angles_rad=_followed(bare, origin, kinematics, None))
     foot = int(np.argmax(known["contact"].sum(axis=0)))
