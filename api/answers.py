@@ -169,7 +169,7 @@ def verify(
             return check_plan(replace(answer, problem=subject), tolerance=tolerance)
         case Certificate(), None:
             return check_certificate(subject)
-        case (Problem() | Leap()), Certificate():
+        case ((Problem() | Leap()), Certificate()):
             old_form("verify(problem, certificate)", "verify(certificate), which knows its problem")
             return check_certificate(answer.of(subject))
         case LeapPlan(), None:
@@ -178,12 +178,10 @@ def verify(
             return check_plan(subject, tolerance=tolerance, joints=True, margins=True)
         case Trajectory(), None:
             return check_trajectory(subject)
-        case (Dataset() | LeapTries() | str() | Path()), None:
+        case ((Dataset() | LeapTries() | str() | Path()), None):
             return check_rows(subject, tolerance=tolerance)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
-    raise InvalidInput(
-        f"verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got {came}"
-    )
+    raise InvalidInput(f"verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got {came}")
 
 
 def _proof(answer: Answer[Any]) -> Certificate | None:

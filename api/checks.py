@@ -89,23 +89,17 @@ def check_file(
         if robot is not None:
             raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
         if tolerance != TOLERANCE:
-            raise InvalidInput(
-                "tolerance: expected none with a proof, which has to hold with room for any plan"
-            )
+            raise InvalidInput("tolerance: expected none with a proof, which has to hold with room for any plan")
         return proof_file.check_proof_file(path)
     if why:
         raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
     if not trajectory_file.is_trajectory(data):
         if robot is not None:
             raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
-        wanted = (
-            "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
-        )
+        wanted = "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
         raise InvalidInput(f"{name}: {wanted}")
     if tolerance != TOLERANCE:
-        raise InvalidInput(
-            "tolerance: expected none with a gait, whose groups have limits of their own"
-        )
+        raise InvalidInput("tolerance: expected none with a gait, whose groups have limits of their own")
     from stancekit.planners.formats.file_check import FileCheck
     from stancekit.planners.robot.walker import named_walker
 
@@ -113,9 +107,7 @@ def check_file(
     return FileCheck(path=name, kind="gait", report=report, message=report.message)
 
 
-def _check_motion(
-    path: Path, robot: str | Path | None, course: str | None, terrain: str | Path | None
-) -> FileCheck:
+def _check_motion(path: Path, robot: str | Path | None, course: str | None, terrain: str | Path | None) -> FileCheck:
     """Check a motion from elsewhere, see ``check_file``.
 
     terrain: heights, by name or file, or the file of a plan or a walk, whose robot and ground are taken. course: as
@@ -177,9 +169,7 @@ def _subject(path: str) -> Plan | Trajectory:
     return trajectory_file.read_trajectory(path).trajectory
 
 
-def _check_plan(
-    path: str | Path, tolerance: float, robot: str | Path | None, course: str | None
-) -> FileCheck:
+def _check_plan(path: str | Path, tolerance: float, robot: str | Path | None, course: str | None) -> FileCheck:
     """Check a file of a plan of key frames, see ``check_file``."""
     from stancekit.planners.formats import plan_file
     from stancekit.planners.robot.robot_file import named_robot
@@ -214,9 +204,7 @@ def check_rows(
     from stancekit.learners.data.leap_tries import recheck_leaps
 
     if isinstance(source, str | Path) and not os.path.exists(folder_of(source)):
-        raise InvalidInput(
-            f"{source}: expected a plan, proof, gait or data set, found nothing there"
-        )
+        raise InvalidInput(f"{source}: expected a plan, proof, gait or data set, found nothing there")
     for name, given in (("explain", why), ("tolerance", tolerance != TOLERANCE)):
         if given:
             wanted = "expected a file of answers with it, got a data set, which has its own plan"
@@ -239,9 +227,7 @@ def check_answers(
     """
     asked, claims = list(read_problems(*problems)), list(json_records(*answers))
     if len(asked) != len(claims):
-        raise InvalidInput(
-            f"{answers[1]}: expected {len(asked)} answers, one a problem, got {len(claims)}"
-        )
+        raise InvalidInput(f"{answers[1]}: expected {len(asked)} answers, one a problem, got {len(claims)}")
     for (where, problem), (place, claim) in zip(asked, claims, strict=True):
         if isinstance(problem, InvalidInput) or isinstance(claim, InvalidInput):
             wrong = problem if isinstance(problem, InvalidInput) else claim
@@ -259,9 +245,7 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:
         hint = " (solve with --certificate)" if status == "infeasible" else ""
-        message = (
-            f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
-        )
+        message = f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
         return {"verdict": "refused", "message": message}
     if isinstance(answer, Plan):
         report = check_plan(answer, tolerance=tolerance)

@@ -35,9 +35,7 @@ LIFT = "lift"
 
 
 @overload
-def fit(
-    dataset: Rows | Sequence[Rows], method: Literal["modes"], **how: Any
-) -> Modes: ...
+def fit(dataset: Rows | Sequence[Rows], method: Literal["modes"], **how: Any) -> Modes: ...
 @overload
 def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **how: Any) -> Learned: ...
 @checked

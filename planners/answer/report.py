@@ -188,6 +188,15 @@ class Report(Generic[S]):
     limits: Mapping[str, float] = field(default_factory=dict)
     defect: str = ""
 
+    def __repr__(self) -> str:
+        return f"Report({self.message})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from .html import report_html
+
+        return report_html(self)
+
     @property
     def accepted(self) -> bool:
         """No group is violated, and there was something to check."""

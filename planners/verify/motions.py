@@ -419,7 +419,7 @@ def nearest(terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array)
 
 
 def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:
-    """Distance of points from a patch, and how high they are above its plane, shape (K,) each."""
+    """Distance of points from a patch, and their height above it, 0 or more beside it, shape (K,) each."""
     corners = patch.vertices_m
     edges = np.roll(corners, -1, axis=0) - corners
     turn = np.sign(np.cross(edges[0], edges[1]) @ patch.normal) or 1.0
@@ -430,7 +430,7 @@ def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:
     along = np.einsum("kui,ui->ku", points[:, None] - corners, edges) / np.sum(edges**2, axis=1)
     on = corners + np.clip(along, 0.0, 1.0)[..., None] * edges
     border = np.linalg.norm(points[:, None] - on, axis=-1).min(axis=1)
-    return np.where(inside, np.abs(height), border), height
+    return np.where(inside, np.abs(height), border), np.where(inside, height, np.abs(height))
 
 
 def _cones(normals: Array, friction: Array) -> Array:

@@ -127,9 +127,9 @@ def test_other_joints_are_refused_by_name(moved: Moved) -> None:
 def test_a_ball_over_a_patch_its_edge_and_heights() -> None:
     square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
     patch = Patch(vertices_m=square, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.6)
-    centres = np.array([[0.5, 0.5, 0.1], [1.3, 0.5, 0.4], [0.5, 0.5, -0.01]])
-    gap, normal, friction = nearest([patch], centres, np.full(3, 0.02))
-    np.testing.assert_allclose(gap, [0.08, 0.48, -0.03])
+    centres = np.array([[0.5, 0.5, 0.1], [1.3, 0.5, 0.4], [0.5, 0.5, -0.01], [1.3, 0.5, -0.4]])
+    gap, normal, friction = nearest([patch], centres, np.full(4, 0.02))
+    np.testing.assert_allclose(gap, [0.08, 0.48, -0.03, 0.48])
     assert (normal == [0, 0, 1]).all()
     assert (friction == 0.6).all()
     level = Ground(heights=stancekit.HeightField.from_array(np.full((41, 41), 0.2), spacing_m=0.1), friction=0.5)
