@@ -77,7 +77,7 @@ def _after(message: str) -> str:
 def _svg(polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> str:
     """Polygons from behind, legs from the body to its toes, forces, and the way of the body."""
     points = np.concatenate([*polygons, toes, way])
-    flat, away = _seen(points)
+    flat, _ = _seen(points)
     low, high = flat.min(axis=0), flat.max(axis=0)
     room = np.array([WIDTH_PX, HEIGHT_PX]) - 2.0 * MARGIN_PX
     scale = float((room / np.maximum(high - low, 1e-9)).min())

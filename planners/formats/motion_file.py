@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..answer.motion_table import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 from ..errors import InvalidInput
 from ..files.archive import read_archive
 from ..files.arrays import Array
 from ..files.documents import read_json, read_text, read_yaml
 from ..files.validation import neighbour, shown
-from ..answer.motion_table import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 
 AXES = "xyz"
 OF_BODY = {

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.motion_table import MotionTable
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
@@ -15,9 +16,8 @@ from stancekit.planners.files.writing import check_writable, replaced, write_byt
 from stancekit.planners.formats.motion_file import csv_of, joint_trajectory_bytes, npz_of
 from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.motion.motion import Motion
-from stancekit.planners.answer.motion_table import MotionTable
-from stancekit.planners.motion.sampled import LARGEST_RATE_HZ, table_of
 from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.motion.sampled import LARGEST_RATE_HZ, table_of
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.model import Robot

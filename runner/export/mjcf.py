@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stancekit.planners.answer.motion_table import MotionTable
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.answer.motion_table import MotionTable
 
 from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulated_body import SimulatedBody

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.answer.motion_table import OF_JOINTS
+from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
     from .formats import Moved

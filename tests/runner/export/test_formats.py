@@ -199,7 +199,7 @@ def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Trajectory) -> No
     header = next(csv.reader(io.StringIO(csv_of(moved.table).decode())))
     assert "com.x" in header
     assert not [name for name in header if name.startswith("q.")]
-    with pytest.raises(InvalidInput, match="^reference: expected a motion with joints, got one without: "):
+    with pytest.raises(InvalidInput, match=r"^reference: expected a motion with joints, got one without: "):
         moved_of(boxes, "reference")
 
 
