@@ -36,9 +36,8 @@ learned = {name: stancekit.fit(train, name) for name in ("heuristic", "quantile"
 learned["mine"] = Learned.of(NarrowForces(), "mine", "wall-3")
 scores = {name: stancekit.evaluate(one, test, projections=("fix-p",), name=name) for name, one in learned.items()}
 for name, score in scores.items():
-    print(
-        f"{name:10} {score.p1_feasible.value:>5.0%} {score.p1_infeasible.value:>5.0%} {score.projected['fix-p'].value:>5.0%}"
-    )
+    shares = (score.p1_feasible, score.p1_infeasible, score.projected["fix-p"])
+    print(f"{name:10}", *(f"{share.value:>5.0%}" for share in shares))
 
 # %%
 # As a picture, with 95 % intervals.

@@ -1,4 +1,4 @@
-"""The verifier of motions from elsewhere: ours hold, with and without contacts and forces, and spoiled ones are found."""
+"""The verifier of motions from elsewhere: ours hold, with and without contacts and forces; spoiled ones are found."""
 
 from __future__ import annotations
 
