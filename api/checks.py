@@ -129,7 +129,7 @@ def _check_motion(path: Path, robot: str | Path | None, course: str | None, terr
     if course is not None:
         from stancekit.planners.problem.course_file import read_course
 
-        asked = read_course(course, None, None if Path(course).suffix == ".json" else robot and str(robot))
+        asked = read_course(course, None, None if robot is None or Path(course).suffix == ".json" else str(robot))
         ground, gravity_m_s2, who = asked.terrain, asked.gravity_m_s2, who or asked.robot
     elif Path(str(terrain)).suffix == ".json":
         own, _, ground, gravity_m_s2 = scene_of(_subject(str(terrain)))

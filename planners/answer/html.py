@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,7 +30,7 @@ LONGEST = 0.25
 """Of the arrow of the largest force, as a share of the picture."""
 
 
-def report_html(report: Report[object]) -> str:
+def report_html(report: Report[Any]) -> str:
     """The verdict, and a row per group."""
     rows = "".join(
         f'<tr><td>{escape(group.name)}</td><td style="color:{COLOURS.get(group.verdict, "#777")}">{group.verdict}</td>'
