@@ -209,3 +209,17 @@ def test_a_name_beside_the_input_is_none_of_its_own(tmp_path: Path) -> None:
         "csv": "walk.csv", "npz": "walk.motion.npz", "jointtrajectory": "walk.jointtrajectory.json",
         "mujoco": "walk.xml", "reference": "walk.reference.npz", "rerun": "walk.rrd", "foxglove": "walk.mcap",
     }  # fmt: skip
+
+
+def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> None:
+    import base64
+
+    stancekit.save(plan, tmp_path / "plan.json")
+    record = json.loads((tmp_path / "plan.json").read_text())
+    held = np.load(io.BytesIO(base64.b64decode(record["arrays"]["npz"])))
+    stands = [(put["limb"], put["frame"]) for put in record["course"]["footholds"]]
+    carries = [(each["frame"], each["limbs"]) for each in record["course"]["stances"]]
+    assert stands == [(put.limb, put.frame) for put in plan.problem.footholds]
+    assert [frame for frame, _ in carries] == [stance.frame for stance in plan.problem.stances]
+    np.testing.assert_array_equal(held["toes_m"], plan.toes_m)
+    assert len(held["forces_n"]) == len(carries)
