@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,10 +17,8 @@ from stancekit.planners.leap.numbers import LeapNumbers
 
 from ..selectors.network import AttentionBlock
 from ..selectors.tensors import load_weights, read_tensors, write_tensors
+from .kinds import FORMAT, KINDS, Kind
 
-Kind = Literal["additive", "set"]
-KINDS: tuple[Kind, ...] = ("additive", "set")
-FORMAT = "stancekit/leap-scorer/1"
 CAPS = {"grip": (0.0, 0.1, 0.3), "room_m": (-0.06, -0.03, 0.0, 0.03)}
 """More than this of a feature may be worth nothing: the smaller of the two is a feature, too."""
 FEATURES = len(OF_CANDIDATE) + sum(map(len, CAPS.values()))

@@ -19,7 +19,8 @@ from stancekit.planners.files.validation import check_fields
 from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
 from stancekit.planners.leap.numbers import LeapNumbers
 
-from .scorer import FEATURES, KINDS, Kind, LeapScorer, ScoreNetwork, with_caps
+from .kinds import KINDS, Kind
+from .scorer import FEATURES, LeapScorer, ScoreNetwork, with_caps
 
 MIRRORED = 0.5
 """Share of the batches that are mirrored left to right, which is a symmetry of the physics."""
