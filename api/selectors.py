@@ -91,7 +91,7 @@ def fit(
     workers: int | Executor = 1,
     progress: Progress | None = None,
     **settings: object,
-) -> Learned | Modes | LeapScorer:
+) -> Any:
     """Learn a selector of envelopes from a labelled data set, or scores of candidates from labelled tries of leaps.
 
     Arguments:
