@@ -19,7 +19,7 @@ from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ..problem.walk import Walk
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 S = TypeVar("S", bound=Plan | LeapPlan | Trajectory, covariant=True)
 UNBOUNDED = 1e6

@@ -17,7 +17,7 @@ from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.legged import foot_radii, walking_robot
+from stancekit.planners.robot.legged import walking_robot
 
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
@@ -54,7 +54,7 @@ def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
                 robot = walking_robot(subject.robot)
                 kinematics = Kinematics(robot, gravity_m_s2=GRAVITY_M_S2)
                 drives, can = _of_file(kinematics)
-                walk = GaitMotion(subject, foot_radii(robot))
+                walk = GaitMotion(subject, robot.source.foot_radii_m)
                 return timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
     except InvalidInput as error:
         log.info("the motion is shown without its joints: %s", error)
