@@ -117,7 +117,8 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
     ## Episode End
 
-    Terminated when the verifier accepts a leap. Truncated when ``tries`` choices or ``solves`` convex problems are spent.
+    Terminated when the verifier accepts a leap. Truncated when ``tries`` choices or ``solves`` convex problems are
+    spent.
 
     ## Info
 

@@ -56,8 +56,9 @@ class LeapBenchSettings:
 
     distribution: a class of ``configs/leaps.yaml``. scenes: how many, from number 0 on; seed: of all of them. methods:
     of ``METHODS`` and ``AGAIN``, and files of learned scores. solves: convex problems at most per method and scene,
-    which does not depend on how busy the computer is. ipopt_s: CPU time at most of IPOPT per scene, which takes choices in the order of the tuned rule [s]; proof:
-    convex problems at most in search of a proof where nobody found a plan, 0 for none.
+    which does not depend on how busy the computer is. ipopt_s: CPU time at most of IPOPT per scene, which takes
+    choices in the order of the tuned rule [s]; proof: convex problems at most in search of a proof where nobody found
+    a plan, 0 for none.
     """
 
     distribution: str = "leap-hard"

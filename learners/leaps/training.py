@@ -107,7 +107,7 @@ def fit_scorer(
     best: tuple[float, dict[str, Tensor]] = (np.inf, {})
     for epoch in range(settings.epochs):
         network.train()
-        for part in torch.randperm(len(train), generator=generator).split(settings.batch):
+        for part in torch.split(torch.randperm(len(train), generator=generator), settings.batch):
             batch = train[part]
             if torch.rand((), generator=generator) < MIRRORED:
                 batch = _mirrored(batch)

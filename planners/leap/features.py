@@ -18,8 +18,8 @@ OF_CANDIDATE = (
 """Features of one candidate. grip: friction left over at the nominal force, in units of it; room: least of what is left
 of reach and height; middle: of the patch, from the mean centre of mass while the limb stands; size: mean distance of
 the corners from it; push: nominal force in units of the weight; moment: of that force about the mean centre of mass;
-fixed: 1 where the foothold has no other candidate; begins, ends: share of the leap at which the limb starts and stops to
-stand there; shoulder: of the limb in the body frame."""
+fixed: 1 where the foothold has no other candidate; begins, ends: share of the leap at which the limb starts and stops
+to stand there; shoulder: of the limb in the body frame."""
 OF_LEAP = (
     "goal_x_m", "goal_y_m", "goal_z_m", "velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s", "goal_radius_m",
     "duration_s", "flight_s", "tilt_rad",
@@ -51,7 +51,8 @@ class LeapFeatures:
         spans = np.array([numbers.times[frame[own][[0, -1]]] for own in stands]) / numbers.times[-1]
         middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
         sizes = np.array([
-            float(np.linalg.norm(piece - middle, axis=1).mean()) for piece, middle in zip(scaled.pieces, middles, strict=True)
+            float(np.linalg.norm(piece - middle, axis=1).mean())
+            for piece, middle in zip(scaled.pieces, middles, strict=True)
         ])  # fmt: skip
         grip, pushes = _grip(numbers)
         away = middles - com[foothold]
