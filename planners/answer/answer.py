@@ -129,6 +129,16 @@ class Answer(Generic[S]):
     message: str = ""
     details: Mapping[str, float] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        said = self.message or ("" if self.report is None else self.report.message)
+        return f"Answer({self.status.value} by {self.method}{': ' if said else ''}{said})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from .html import answer_html
+
+        return answer_html(self)
+
     @property
     def sets(self) -> Sets | None:
         """The sets of the robot's legs that a course is over; None for a robot without legs, or with other sets."""
