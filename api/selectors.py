@@ -91,6 +91,8 @@ def fit(
         if calibration is not None or checkpoint is not None or workers != 1:
             raise InvalidInput(f"method: expected no calibration, checkpoint or workers with {method}, got some")
         return _scorer(dataset, method, settings, progress)
+    if isinstance(dataset, LeapTries):
+        raise InvalidInput(f"method: expected {' or '.join(KINDS)} with tries of leaps, got {method}")
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
     rows, asked = [rows_of(each) for each in several], typed(FitSettings, settings, "")
     asked.check_used(method)

@@ -18,8 +18,8 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
-from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.leap.scp import LeapAttempt, attempt, plan_from, plan_of
+from stancekit.planners.leap.numbers import LeapNumbers, LeapPoint
+from stancekit.planners.leap.scp import attempt, plan_from, plan_of
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
@@ -217,7 +217,7 @@ class _Episode:
         self._timings = [LeapNumbers.of(leap, k) for k in range(len(leap.timings_s))]
         self._features = [LeapFeatures.of(each) for each in self._timings]
         self._tried: set[tuple[int, ...]] = set()
-        self._last: LeapAttempt | None = None
+        self._last: tuple[LeapNumbers, LeapPoint] | None = None
         self._choice: NDArray[np.int64] | None = None
         self._note: dict[str, int | float] = dict(INFO)
         self.tries = self.solves = 0
@@ -261,7 +261,8 @@ class _Episode:
         if masked or repeated:
             self.solves += 1
         else:
-            self._last = found = attempt(self._programs, numbers, choice)
+            found = attempt(self._programs, numbers, choice)
+            self._last = None if found.point is None else (numbers, found.point)
             self.solves += found.solves
             within = self.solves <= self._settings.solves
             self.solved = within and found.solved and check_leap(plan_of(numbers, found, "choice")).accepted
@@ -282,9 +283,9 @@ class _Episode:
 
     def _residual(self) -> Array:
         """Per interval, how far L and Θ of the last try are from what its forces give, shape (2, M)."""
-        if self._last is None or self._last.point is None:
+        if self._last is None:
             return np.zeros((2, self.numbers.intervals))
-        numbers, point = self._last.given.numbers, self._last.point
+        numbers, point = self._last
         change, turned = numbers.turned(point)
         off = np.diff(point.momentum, axis=0) - change, np.diff(point.rotation[::2], axis=0) - turned
         return np.array([np.log10(1.0 + 1e3 * np.linalg.norm(each, axis=1)) for each in off])
@@ -296,14 +297,16 @@ class _Episode:
 
     def drawn(self) -> Any:
         """The plan of the last try, or the first candidates with the nominal motion."""
-        if self._last is not None and self._last.point is not None:
-            return plan_of(self._last.given.numbers, self._last, "choice")
-        numbers, first = self.numbers, np.zeros(self.shape[0], dtype=np.int_)
-        toes = np.array([piece.mean(axis=0) for piece in numbers.scaled.chosen(first).pieces])
+        if self._last is not None and self._choice is not None:
+            (numbers, point), choice = self._last, self._choice
+            toes = point.toes
+        else:
+            numbers, choice = self.numbers, np.zeros(self.shape[0], dtype=np.int64)
+            point = numbers.nominal
+            toes = np.array([piece.mean(axis=0) for piece in numbers.scaled.chosen(choice).pieces])
         forces = np.zeros((numbers.intervals, len(numbers.leap.robot.limbs), 3))
-        pushes = numbers.nominal.forces * numbers.leap.weight_n
-        forces[numbers.contact_intervals, numbers.layout.contacts[1]] = pushes
-        return plan_from(numbers, first, toes, forces, "nominal")
+        forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * numbers.leap.weight_n
+        return plan_from(numbers, choice, toes, forces, "choice")
 
 
 def _space(like: _Episode) -> spaces.Dict:

@@ -14,13 +14,15 @@ def test_bench_room_prints_a_line_per_budget(stancekit):
 
 
 def test_scores_that_were_fitted_to_tries_plan_a_leap_and_have_a_row(stancekit):
-    stancekit(*["label", "leap-base", "tries", "--scenes", "4", "--tries", "random=2,rule=3", "--seed", "8", "--workers", "1"])
+    label = "label leap-base tries --scenes 4 --tries random=2,rule=3 --seed 8 --workers 1"
+    stancekit(*label.split())
     Path("few.yaml").write_text("epochs: 2\n")
     said = stancekit(*["fit", "tries", "--method", "additive", "--config", "few.yaml", "--out", "scores.safetensors"])
     assert "scores for leap-base from" in said.out
     plan = "plan leap-base:1 --policy scores.safetensors --planner rule --json"
     assert json.loads(stancekit(*plan.split()).out)["planner"] == "rule"
-    room = "bench room --distribution leap-base --scenes 2 --oracle-solves 4 --out room --json --scorer scores.safetensors"
+    room = "bench room --distribution leap-base --scenes 2 --oracle-solves 4 --out room --json"
+    room += " --scorer scores.safetensors"
     first = json.loads(stancekit(*room.split()).out.splitlines()[0])
     assert first["learned_by"] == "scores"
     assert first["learned"] is not None
