@@ -83,7 +83,7 @@ class Verify:
             emit(found.to_json())
         else:
             out.print(f"{self.problems}: {found.message}")
-            if found.kind == "plan" and found.accepted:
+            if found.kind in ("plan", "gait") and found.accepted:
                 out.print(found.report.margin_message)
         return int(not found.accepted)
 
