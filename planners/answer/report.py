@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from ..cached import cached_property
 from ..problem import Problem
-from ..problem.walk import OFF_M
 from ..robot.urdf import joint_names
 from .certificate import Certificate
 from .hindrance import plan_hindrance, walk_hindrance
 from .leap_plan import NUMBERS, LeapPlan
 from .plan import Plan
-from .trajectory import Trajectory
+from .trajectory import OFF_M, Trajectory
 
 GROUPS = {
     "patch": "m",

@@ -20,8 +20,6 @@ from ..terrain.terrain import Terrain
 from .gaits import FootPhases, gait_named, schedule
 
 Timings = Literal["fixed", "optimised"]
-OFF_M = 0.015
-"""How far from its place a foot may come down, and should hold all the same [m]."""
 SUCTION = 2.0
 """What an adhesive foot may pull with where a task does not say, in units of m·g; walks out of steep pits take 1.5."""
 STEEPEST = 1.0

@@ -12,11 +12,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.trajectory import Trajectory
+from ..answer.trajectory import OFF_M, Trajectory
 from ..cached import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
-from ..problem.walk import OFF_M
 from .trajectory_series import Series
 
 Flags = NDArray[np.bool_]

@@ -12,8 +12,9 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 
+from ...answer.trajectory import OFF_M
 from ...files.arrays import Array
-from ...problem.walk import OFF_M, Walk
+from ...problem.walk import Walk
 from ...terrain.heightfield import HeightField
 from ..transcription.blocks import Block, Constraint, Place
 from ..transcription.taylor import ExpansionPoint, TaylorMap

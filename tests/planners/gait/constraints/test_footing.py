@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.trajectory import OFF_M
 from stancekit.planners.gait.constraints.footing import SHARE, slope_about, sure_xy
 from stancekit.planners.gait.formulation import formulate, sure
 from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.task import GaitSettings
-from stancekit.planners.problem.walk import OFF_M, Walk
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 
