@@ -33,7 +33,7 @@ from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 LATTICE_M = 0.04
 """Between nodes [m]; more on terrains that have too many."""

@@ -28,7 +28,7 @@ from .either import part_of
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 LayOut = Callable[["Sets", Alternative], Problem]
 """A function that lays a course out over the inner or the outer sets of the robot's legs, in one of several ways."""

@@ -12,7 +12,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import AS_ASKED, Alternative
-from stancekit.planners.robot.contact_robot import Sets
+from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.terrain.patch import Patch
 
 from .scenario import SURFACE, Grip, Slider
