@@ -16,7 +16,7 @@ from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt, Progress
 from stancekit.planners.gait.method.checkpoint import Checkpoint as Checkpoint
-from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, footing_of, plan_gait
+from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.interrupts import interruptible
@@ -155,9 +155,7 @@ def search_of(
         caps = replace(caps, smoothing=Smoothing(rounds=0), densifications=0)
     each = default_attempts(asked) if several else [Attempt(chart=chart)]
     attempts = [one.perturbed(seed + k) if k else one for one in each for k in range(seeds)]
-    settings = GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most)
-    sure = footing_of(asked, settings) if footing is None else footing
-    return replace(settings, footing=sure), caps, attempts
+    return GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most, footing=footing), caps, attempts
 
 
 def walked(

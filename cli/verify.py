@@ -101,7 +101,7 @@ class Verify:
             out.print(f"{self.problems}: {found.message}")
             if found.kind == "motion":
                 out.print(_groups(found.report))
-            if found.kind == "plan" and found.accepted:
+            if found.kind in ("plan", "gait") and found.accepted:
                 out.print(found.report.margin_message)
         return int(not found.accepted)
 

@@ -52,6 +52,7 @@ class Outcome(NamedTuple):
     moment_rms: float = 0.0
     peak_acceleration_g: float = 0.0
     outside_cone: float = 0.0
+    footing_friction: float = 0.0
     seconds: float = 0.0
 
     @classmethod
@@ -60,7 +61,7 @@ class Outcome(NamedTuple):
         if found is None:
             return cls(iterations=limit)
         figures = found.report.figures
-        names = ("force_rms", "moment_rms", "peak_acceleration_g", "outside_cone")
+        names = ("force_rms", "moment_rms", "peak_acceleration_g", "outside_cone", "footing_friction")
         return cls(
             verified=float(found.verified),
             feasible=float(found.solution.success),

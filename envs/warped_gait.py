@@ -102,9 +102,22 @@ class GaitEnvSettings:
 
 NOTHING: Mapping[str, int | float] = MappingProxyType(
     {
-        "verified": 0, "is_success": 0, "feasible": 0, "iterations": 0, "violation": 0.0, "refused": 0,
-        "force_rms": 0.0, "moment_rms": 0.0, "peak_acceleration_g": 0.0, "outside_cone": 0.0, "reward_verified": 0.0,
-        "reward_feasible": 0.0, "reward_iterations": 0.0, "reward_seconds": 0.0, "seconds": 0.0,
+        "verified": 0,
+        "is_success": 0,
+        "feasible": 0,
+        "iterations": 0,
+        "violation": 0.0,
+        "refused": 0,
+        "force_rms": 0.0,
+        "moment_rms": 0.0,
+        "peak_acceleration_g": 0.0,
+        "outside_cone": 0.0,
+        "footing_friction": 0.0,
+        "reward_verified": 0.0,
+        "reward_feasible": 0.0,
+        "reward_iterations": 0.0,
+        "reward_seconds": 0.0,
+        "seconds": 0.0,
     }
 )
 """``info`` before anything was tried."""
@@ -159,8 +172,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     After a reset (all 0) and a step (numeric, fixed shapes): ``verified``, ``is_success`` (the same), ``feasible``,
     ``iterations``, ``violation``, the verifier's
-    figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
-    groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
+    figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``footing_friction``, ``refused``
+    (how many of its groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
 
     ## Arguments
 
@@ -289,6 +302,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
             "moment_rms": found.moment_rms,
             "peak_acceleration_g": found.peak_acceleration_g,
             "outside_cone": found.outside_cone,
+            "footing_friction": found.footing_friction,
             "reward_verified": weights.verified * verified,
             "reward_feasible": weights.feasible * feasible,
             "reward_iterations": -weights.iterations * min(found.iterations / self._settings.max_iterations, 1.0),

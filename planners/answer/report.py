@@ -24,7 +24,7 @@ from .hindrance import plan_hindrance, walk_hindrance
 from .leap_plan import NUMBERS, LeapPlan
 from .motion_table import MotionTable
 from .plan import Plan
-from .trajectory import Trajectory
+from .trajectory import OFF_M, Trajectory
 
 GROUPS = {
     "patch": "m",
@@ -168,7 +168,8 @@ class Report(Generic[S]):
             rotation [m]. Of a plan, too: between, the largest violation at the points between frames; proved, on how
             many steps from frame to frame limbs carry all the way; goal_m, distance of the last centre of mass from
             the goal [m]. Of a walk: peak acceleration and balances in units of g and m·g, the friction that the
-            standing feet need and the share of their samples outside their cones. Of a proof: lower_bound, the proved
+            standing feet need, that which the ground within 15 mm of them would need, and the share of their samples
+            outside their cones. Of a proof: lower_bound, the proved
             least moment residual; leaves, how many were checked; weakest, the leaf of the least bound.
         limits: of a walk, what each group was allowed, by name; empty of everything else.
         defect: why there was nothing to check; empty when there was.
@@ -266,7 +267,10 @@ class Report(Generic[S]):
 
     @property
     def margin_message(self) -> str:
-        """A line on what a plan's stances bear beyond the weight; empty where nobody measured it."""
+        """A line on what a plan's stances bear beyond the weight, or on how sure the feet of a walk stand; empty where
+        nobody measured it."""
+        if isinstance(self.answer, Trajectory):
+            return self._footing_line()
         margin = next((group for group in self.groups if group.name == MARGIN), None)
         if margin is None:
             return ""
@@ -357,6 +361,18 @@ class Report(Generic[S]):
         unit = "" if first.unit == "1" else f" {first.unit}"
         also = f"; also {', '.join(group.name for group in rest)}" if rest else ""
         return f"rejected: {first.name}{where} {first.value:.3g}{unit}{when}, limit {first.limit:.3g}{unit}{also}"
+
+    def _footing_line(self) -> str:
+        """How sure the feet of a walk stand."""
+        needs, has = self.figures.get("footing_friction"), cast("Trajectory", self.answer).friction
+        if needs is None:
+            return ""
+        place = f"within {1e3 * OFF_M:.0f} mm of"
+        if needs <= has:
+            return f"sure footing: the ground {place} every foothold holds with a friction of {needs:.2g}, of {has:.2g}"
+        slope, held = (f"{math.degrees(math.atan(each)):.0f}°" for each in (needs, has))
+        slope = f"{slope}, and friction {has:.2g} holds on {held}"
+        return f"no sure footing: the ground {place} a foothold is {slope}; a foot that comes down there may slip"
 
     @property
     def _of_course(self) -> bool:

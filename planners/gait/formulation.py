@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from ..problem.walk import Walk
 from ..warp.conformal import flatten
 from ..warp.spline_map import SplineMap
 from .charts import CHARTS
+from .charts.shear import Shear
 from .constraints.cone import cone
 from .constraints.contact import contact
 from .constraints.durations import durations
 from .constraints.dynamics import dynamics
 from .constraints.ends import goal, heading_end, start, still_end, still_start
-from .constraints.footing import footing
+from .constraints.footing import SHARE, footing, slope_about, steepest
 from .constraints.reach import reach
 from .constraints.swing import swing
 from .constraints.trunk import trunk
 from .gait_program import GaitProgram
+from .method.guess import GuessedWalk
 from .task import GaitSettings
 from .transcription.blocks import Constraint
 from .variables.structure import Structure
@@ -56,7 +61,7 @@ def formulate(
 
     >>> plan = formulate(task, GaitSettings(chart="shear")).solve()  # doctest: +SKIP
     """
-    settings = settings or GaitSettings()
+    settings = sure(task, settings or GaitSettings())
 
     def flattened() -> SplineMap:
         if warp is None:
@@ -66,3 +71,23 @@ def formulate(
     chart = CHARTS.get(settings.chart).of(task.terrain, smoothing_m=settings.smoothing_m, flattened=flattened)
     structure = Structure(task, settings, chart)
     return GaitProgram(task, settings, structure, terms(structure))
+
+
+def sure(task: Walk, settings: GaitSettings) -> GaitSettings:
+    """The settings with a share in ``footing``, where they leave that to the task.
+
+    ``SHARE`` where feet that do not stick have sure footing near every place where a straight walk would put them, and
+    not all ground is gentle anyway; else 0. Robots that stand on two feet at a time and put them on edges fall in
+    simulations of others. Where a hill is as steep as friction holds there is nothing else to stand on, and walks are
+    planned as the paper has them.
+    """
+    if settings.footing is not None:
+        return settings
+    limit = SHARE * task.friction
+    if steepest(task.terrain) <= limit or all(task.adhesive):
+        return replace(settings, footing=0.0)
+    asked = replace(settings, footing=SHARE)
+    walk = GuessedWalk(Structure(task, asked, Shear(task.terrain)))
+    feet = [walk.footholds(foot)[:, :2] for foot, sticks in enumerate(task.adhesive) if not sticks]
+    has = slope_about(task.terrain, np.concatenate(feet)).max() <= limit
+    return asked if has else replace(settings, footing=0.0)

@@ -30,7 +30,7 @@ class GaitSettings:
         clearance_m: of swinging feet in the middle of a swing [m]; swing_height_m: the same in the initial guess.
         trunk_clearance_m: of the trunk's lower face over the terrain [m], None for no such term.
         footing: the steepest ground about where a foot stands, as a share of the slope on which friction holds; 0 for
-            no such term.
+            no such term, None for 0.6 where the ground on the way has such places, see ``formulation.sure``.
         swing_nodes: checks of a swing between its ends where the chart does not flatten the terrain.
         smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's terrain [m].
         switch_slack_s: how far optimised switching times may move [s].
@@ -54,7 +54,7 @@ class GaitSettings:
     clearance_m: float = 0.02
     swing_height_m: float = 0.08
     trunk_clearance_m: float | None = 0.01
-    footing: float = 0.0
+    footing: float | None = None
     swing_nodes: int = 5
     smoothing_m: float = 0.3
     switch_slack_s: float = 0.1

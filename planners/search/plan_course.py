@@ -19,6 +19,8 @@ from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.alternatives import AS_ASKED, HIGHER, Alternative, ordered
 from ..problem.candidates import NoPlace
+from ..problem.course_keys import LEVEL_RAD
+from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
@@ -191,7 +193,7 @@ def _refuted(
 ) -> Answer[Plan]:
     """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
     try:
-        outer = question("outer", AS_ASKED) if callable(question) else question
+        outer = question("outer", AS_ASKED) if callable(question) else _as_wide(question)
         outer = replace(outer, robot=outer.robot.sets("outer"))
     except InvalidInput as error:  # legs that nobody can measure
         return _undecided(inner, f"{UNPROVED}: {error}")
@@ -200,6 +202,12 @@ def _refuted(
     if found is not None and found.certificate is not None:
         return found
     return _undecided(inner, NO_TIME if found is None else UNPROVED)
+
+
+def _as_wide(course: Problem) -> Problem:
+    """The course with the tilt limit of proofs, if it has the one that layouts give plans where nothing is said: the
+    same is proved of it and of the file that it was made of."""
+    return replace(course, tilt_limit_rad=TILT_LIMIT_RAD) if course.tilt_limit_rad == LEVEL_RAD else course
 
 
 def _undecided(inner: Answer[Plan], message: str) -> Answer[Plan]:

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.trajectory import Trajectory
+from ..answer.trajectory import OFF_M, Trajectory
 from ..cached import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
@@ -141,7 +141,7 @@ class TrajectoryMeasurements:
         """Distance of standing feet from where they came down [m]."""
         feet, contact = self.trajectory.feet_m, self.trajectory.contact
         samples = np.arange(len(feet))[:, None]
-        began = contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]])
+        began = _began(contact)
         down = np.maximum.accumulate(np.where(began, samples, 0), axis=0)
         home = np.take_along_axis(feet, down[..., None], axis=0)
         return self._where(np.linalg.norm(feet - home, axis=-1), contact)
@@ -238,7 +238,8 @@ class TrajectoryMeasurements:
         """Measurements that nothing is judged by. cone: what counts as outside, in units of m·g.
 
         Accelerations in g, balances in m·g and m·g·stand height; friction_needed: the least ν that holds every
-        standing foot that presses with more than .01 m·g; outside_cone: share of the standing samples.
+        standing foot that presses with more than .01 m·g; footing_friction: the least ν that would hold every standing
+        foot on the ground within OFF_M of its place; outside_cone: share of the standing samples.
         """
         normal, tangential = self._shares
         pressing = self._gripping & (normal > 0.01 * self.weight_n)
@@ -253,8 +254,18 @@ class TrajectoryMeasurements:
             "moment_rms": moment.rms() / self.moment_scale_nm,
             "moment_peak": float(np.linalg.norm(moment.values, axis=1).max()) / self.moment_scale_nm,
             "friction_needed": float((tangential[pressing] / normal[pressing]).max(initial=0.0)),
+            "footing_friction": self.footing_friction(),
             "outside_cone": float(np.mean(excess > cone * self.weight_n)) if excess.size else 0.0,
         }
+
+    def footing_friction(self) -> float:
+        """The steepest slope, as a gradient, of the ground where feet that have a friction cone come down, and at four
+        places OFF_M beside it: the least ν with which a foot that is so far off its place does not slip."""
+        about = OFF_M * np.vstack([np.zeros(3), np.eye(3)[:2], -np.eye(3)[:2]])
+        places = (self.trajectory.feet_m[_began(self._gripping)][:, None] + about).reshape(-1, 3)
+        low, high = np.transpose(self.trajectory.terrain.domain_m)
+        normals = self.above(places[np.all((places[:, :2] >= low) & (places[:, :2] <= high), axis=1)])[1]
+        return float((np.linalg.norm(normals[:, :2], axis=1) / normals[:, 2]).max(initial=0.0))
 
     @property
     def _gripping(self) -> Flags:
@@ -264,6 +275,11 @@ class TrajectoryMeasurements:
     def _where(self, values: Array, asked: Flags) -> Series:
         """Values of feet where they are asked for, 0 elsewhere."""
         return Series(np.where(asked, values, 0.0), self.feet, self.times_s)
+
+
+def _began(contact: Flags) -> Flags:
+    """Where feet come down, or stand at the first sample, shape (K, E)."""
+    return contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]])
 
 
 def _split(forces: Array, normals: Array) -> tuple[Array, Array]:

@@ -55,21 +55,22 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
         course = scenario.course()
         laid = time.process_time()
         planner = TwoStageCoursePlanner(time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS)
-        outcome = plan_course(lambda sets, _: scenario.course(sets), planner, shares=SHARES, presses=(), limits=None)
+        outcome = plan_course(scenario.course, planner, shares=SHARES, presses=(), limits=None)
     except StancekitError as error:
         return SceneAnswer(message=str(error), seconds=(time.process_time() - begin, 0.0))
     return _answer(outcome, course, (laid - begin, time.process_time() - laid))
 
 
 def patient_answer(scenario: Scenario) -> SceneAnswer:
-    """The answer of ``stancekit plan``: with a reserve of friction, joints, torques and bodies. Raises nothing."""
+    """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and where no plan over the
+    layout that is asked for is accepted, one over another. Raises nothing."""
     begin = time.process_time()
     try:
         course = scenario.course()
         laid = time.process_time()
         deadline = time.perf_counter() + PATIENT_S
         planner = TwoStageCoursePlanner(time_limit_s=PATIENT_S)
-        outcome = plan_course(lambda sets, _: scenario.course(sets), planner, deadline=deadline)
+        outcome = plan_course(scenario.course, planner, layouts=scenario.layouts, deadline=deadline)
     except StancekitError as error:
         return SceneAnswer(message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0))
     return _answer(outcome, course, (laid - begin, time.process_time() - laid), patient=True)
@@ -87,6 +88,8 @@ def _answer(
     elif report is not None and not report.accepted:
         message = report.message + (f"; {report.failures}" if report.failures else "")
     share = 1.0 if outcome.solution is None else float(outcome.solution.provenance.get("friction_share", 1.0))
+    if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
+        message = f"laid out in another way than asked for, over which no plan was accepted: {layout}"
     return SceneAnswer(
         course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
         status=outcome.status,

@@ -13,6 +13,7 @@ import yaml
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_between import course_between
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
@@ -76,21 +77,35 @@ class BetweenScenario:
         """The same for another robot."""
         return self._with(robot=str(Path(robot).resolve()) if Path(robot).suffix else robot)
 
-    def course(self, sets: Sets = "inner") -> Problem:
-        """The course, laid out once. Raises InvalidInput, and PlanningFailed where no way over footholds is found."""
-        if "spec" not in self._laid:
+    @property
+    def layouts(self) -> tuple[Alternative, ...]:
+        """Those of ``stancekit plan``."""
+        return ALTERNATIVES
+
+    def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
+        """The course, laid out once in each way.
+
+        Raises InvalidInput, and PlanningFailed where no way over footholds is found.
+        """
+        spec = self._spec(alternative)
+        key = f"{sets} {alternative.message}"
+        if key not in self._laid:
+            self._laid[key] = build_course(spec, sets=sets)
+        return cast("Problem", self._laid[key])
+
+    def _spec(self, alternative: Alternative = AS_ASKED) -> CourseSpec:
+        """The description of the course, made once in each way. Raises likewise."""
+        key = f"spec {alternative.message}".rstrip()  # "spec" is that of the layout that is asked for
+        if key not in self._laid:
             given = None if self.robot == "hexapod" else self.robot
-            self._laid["spec"] = course_between(
-                self.terrain, self.start_m, self.goal_m, robot=given, frames=self.frames
-            )  # fmt: skip
-        if sets not in self._laid:
-            self._laid[sets] = build_course(self._laid["spec"], sets=sets)
-        return cast("Problem", self._laid[sets])
+            self._laid[key] = course_between(
+                self.terrain, self.start_m, self.goal_m, robot=given, frames=self.frames, alternative=alternative
+            )
+        return cast("CourseSpec", self._laid[key])
 
     def text(self) -> tuple[str, str]:
         """A YAML file with the way that was laid out."""
-        self.course()
-        keys = self._laid["spec"].model_dump(mode="json", exclude_defaults=True)
+        keys = self._spec().model_dump(mode="json", exclude_defaults=True)
         keys["terrain"]["kind"] = self.terrain.kind
         return ".yaml", yaml.safe_dump(_whole(keys), sort_keys=False, default_flow_style=None, width=110)
 

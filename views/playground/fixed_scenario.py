@@ -11,6 +11,7 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.alternatives import AS_ASKED, Alternative
 from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.terrain.patch import Patch
 
@@ -103,7 +104,12 @@ class FixedScenario:
         """Raises InvalidInput: footholds are those of one robot."""
         raise InvalidInput(f"robot: expected the robot of a course whose footholds are fixed, got {robot}")
 
-    def course(self, sets: Sets = "inner") -> Problem:
+    @property
+    def layouts(self) -> tuple[Alternative, ...]:
+        """The one that there is: its footholds are fixed."""
+        return (AS_ASKED,)
+
+    def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
         """The course with its friction and mass. Raises InvalidInput for a mass that is none."""
         found = self.laid
         if self.friction is not None:

@@ -13,6 +13,7 @@ import yaml
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
@@ -202,11 +203,17 @@ class KeysScenario:
         """The same for another robot, which stands and steps as it does."""
         return self._with(*with_robot(self.keys, self.folder, robot))
 
-    def course(self, sets: Sets = "inner") -> Problem:
-        """The course, laid out once."""
-        if sets not in self._built:
-            self._built[sets] = build_course(self.spec, self.folder, sets)
-        return cast("Problem", self._built[sets])
+    @property
+    def layouts(self) -> tuple[Alternative, ...]:
+        """Those of ``stancekit plan``."""
+        return ALTERNATIVES
+
+    def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
+        """The course, laid out once in each way."""
+        key = f"{sets} {alternative.message}"
+        if key not in self._built:
+            self._built[key] = build_course(self.spec, self.folder, sets, alternative=alternative)
+        return cast("Problem", self._built[key])
 
     @property
     def spec(self) -> CourseSpec:

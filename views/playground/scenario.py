@@ -10,6 +10,7 @@ from typing import Protocol
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.alternatives import AS_ASKED, Alternative
 from stancekit.planners.robot.reach_sets import Sets
 
 SURFACE = "surface"
@@ -83,8 +84,16 @@ class Scenario(Protocol):
         """The same for another robot, a built-in name or a file."""
         ...
 
-    def course(self, sets: Sets = "inner") -> Problem:
-        """The course that is asked for. Raises InvalidInput or PlanningFailed in one line."""
+    @property
+    def layouts(self) -> tuple[Alternative, ...]:
+        """The ways in which it can be laid out, the first of which is the one that is asked for."""
+        ...
+
+    def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
+        """The course that is asked for, or one that is laid out in another way.
+
+        Raises InvalidInput or PlanningFailed in one line.
+        """
         ...
 
     def text(self) -> tuple[str, str]:

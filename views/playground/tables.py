@@ -115,7 +115,7 @@ def _words(answer: SceneAnswer) -> tuple[str, str, str]:
     if answer.accepted:
         assert answer.report is not None
         title, *_ = acceptance_word(answer.report.unchecked).capitalize().partition(":")
-        return GOOD, title, _accepted(answer.report)
+        return GOOD, title, " ".join(filter(None, (_accepted(answer.report), answer.message)))
     if answer.plan is not None and not answer.patient:
         return UNSURE, "Contacts hold", "Joints, torques and bodies are judged once nothing is changed."
     if answer.plan is not None:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 
+from ...answer.trajectory import OFF_M
 from ...files.arrays import Array
 from ...problem.walk import Walk
 from ...terrain.heightfield import HeightField
@@ -21,8 +22,6 @@ from ..variables.structure import Structure
 
 SHARE = 0.6
 """The usual share of the slope on which friction holds that ground about feet may have."""
-OFF_M = 0.015
-"""How far from its place a foot may come down."""
 NEAREST_M, FINE_M = 0.12, 0.01
 """How far a guess's foot may move to where it has sure footing, and how finely places are looked at."""
 AROUND = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
@@ -77,3 +76,10 @@ def slope_about(terrain: HeightField, xy: Array) -> Array:
     """‖∇h‖ where it is largest in a place and those about it, shape (…, 2) [m] → (…)."""
     about = np.clip(xy[..., None, :] + OFF_M * AROUND, *np.transpose(terrain.domain_m))
     return np.asarray(np.linalg.norm(terrain.gradient(about), axis=-1).max(axis=-1))
+
+
+def steepest(terrain: HeightField, spacing_m: float = 0.05) -> float:
+    """The largest gradient over a grid on the terrain's domain, non-dimensional."""
+    axes = [np.arange(low, high + 0.5 * spacing_m, spacing_m) for low, high in terrain.domain_m]
+    slopes = terrain.gradient(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
+    return float(np.linalg.norm(slopes, axis=-1).max())

@@ -19,7 +19,7 @@ from ...verify.trajectories import check_trajectory
 from ...warp.conformal import flatten
 from ...warp.spline_map import SplineMap
 from ..charts import CHARTS
-from ..formulation import formulate
+from ..formulation import formulate, sure
 from ..gait_program import GaitProgram, GaitSolution
 from ..task import GaitSettings
 
@@ -97,7 +97,7 @@ class Workbench:
     """
 
     def __init__(self, task: Walk, settings: GaitSettings | None = None, warp: SplineMap | None = None) -> None:
-        self.task, self.settings, self.warp = task, settings or GaitSettings(), warp
+        self.task, self.settings, self.warp = task, sure(task, settings or GaitSettings()), warp
         self._programs: dict[str, GaitProgram] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -160,6 +160,7 @@ class Workbench:
             "timings": self.task.timings,
             "dynamics": self.settings.dynamics,
             "hessian": self.settings.hessian,
+            "footing": float(self.settings.footing or 0.0),
             "largest_violation": solution.violation,
             "iterations": float(iterations),
         }

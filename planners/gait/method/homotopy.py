@@ -20,6 +20,7 @@ from ...errors import InvalidInput
 from ...files.arrays import Array
 from ...terrain.heightfield import HeightField
 from ..charts import CHARTS
+from ..constraints.footing import steepest
 from ..gait_program import GaitProgram, GaitSolution
 from .attempt import Attempt, Homotopy, Workbench
 from .smoothing import Solver
@@ -32,13 +33,6 @@ WIDEST_M = 1.6
 """No Gaussian is wider [m]."""
 LEAST = 0.04
 """Steps in the factor below this are not tried: what separates the stages is then no longer the terrain."""
-
-
-def steepest(terrain: HeightField, spacing_m: float = 0.05) -> float:
-    """The largest gradient over a grid on the terrain's domain, non-dimensional."""
-    axes = [np.arange(low, high + 0.5 * spacing_m, spacing_m) for low, high in terrain.domain_m]
-    slopes = terrain.gradient(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
-    return float(np.linalg.norm(slopes, axis=-1).max())
 
 
 def heights_for(terrain: HeightField, gentle: float = GENTLE, growth: float = GROWTH) -> tuple[float, ...]:

@@ -22,18 +22,15 @@ from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked, checked_int
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory, with_body
-from ..charts.shear import Shear
-from ..constraints.footing import SHARE, slope_about
+from ..constraints.footing import steepest
 from ..forbidden import forbidden
 from ..gait_program import GaitSolution
 from ..task import GaitSettings
-from ..variables.structure import Structure
 from .attempt import Attempt, Attempted, Progress, Workbench
 from .budget import SolveBudget, SolveRecord
 from .checkpoint import FAILED, Checkpoint
 from .densification import densified
-from .guess import GuessedWalk
-from .homotopy import follow_homotopy, heights_for, steepest
+from .homotopy import follow_homotopy, heights_for
 from .smoothing import Smoothing, peak_g, smoothed
 
 STEEP = 6.0
@@ -218,21 +215,6 @@ def default_attempts(task: Walk) -> list[Attempt]:
         Attempt(chart="warped-exact"),
         Attempt(chart="ambient", heights=heights_for(task.terrain)),
     ]
-
-
-def footing_of(task: Walk, settings: GaitSettings, share: float = SHARE) -> float:
-    """``GaitSettings.footing`` that suits a task: ``share`` where feet that do not stick have sure footing near every
-    place where a straight walk would put them, and not all ground is gentle anyway; else 0.
-
-    Robots that stand on two feet at a time and put them on edges fall in simulations of others. Where a hill is as
-    steep as friction holds there is nothing else to stand on, and walks are planned as the paper has them.
-    """
-    limit = share * task.friction
-    if steepest(task.terrain) <= limit or all(task.adhesive):
-        return 0.0
-    walk = GuessedWalk(Structure(task, replace(settings, footing=share), Shear(task.terrain)))
-    feet = [walk.footholds(foot)[:, :2] for foot, sticks in enumerate(task.adhesive) if not sticks]
-    return share if slope_about(task.terrain, np.concatenate(feet)).max() <= limit else 0.0
 
 
 class PortfolioRun:

@@ -93,6 +93,25 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
     assert stancekit.explain(outcome.certificate) == stancekit.explain(outcome)
 
 
+def test_a_course_and_its_file_are_proved_with_the_same_tilt_limit(high: Callable[[float], Path]) -> None:
+    path = high(0.62).with_name("unsaid.yaml")
+    path.write_text(HIGH.format(0.62).replace(", tilt_limit_rad: 0.01", ""))
+
+    def asked(question: Problem | LayOut) -> list[tuple[str | None, float]]:
+        seen = list[tuple[str | None, float]]()
+
+        class Listening(TwoStageCoursePlanner):
+            def solve(self, course: Problem) -> Answer[Plan]:
+                seen.append((sets_of(course.robot), course.tilt_limit_rad))
+                return super().solve(course)
+
+        assert plan_course(question, Listening(), shares=(1.0,), presses=()).status is Status.UNDECIDED
+        return seen
+
+    of_file, of_course = asked(lambda sets, _: read_course(path, sets=sets)), asked(read_course(path))
+    assert of_file == of_course == [("inner", 0.1), ("outer", 0.2618)]
+
+
 def test_replanning_a_window_proves_over_outer_sets_too(high: Callable[[float], Path]) -> None:
     course = read_course(high(0.5))
     course = replace(course, weights=replace(course.weights, stance=0.0))  # which leaves no room for the next window

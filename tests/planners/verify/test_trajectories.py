@@ -478,9 +478,7 @@ def test_a_standing_foot_off_the_ground_is_caught_either_side_of_it(foot, at, de
     still = standing(slope)
     normal = np.array([-slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
     for side in (-1.0, 1.0):
-        found = {
-            g.name: g for g in check_trajectory(moved(still, "feet_m", side * depth * normal, (at, foot))).refused
-        }
+        found = {g.name: g for g in check_trajectory(moved(still, "feet_m", side * depth * normal, (at, foot))).refused}
         assert (found["contact_gap"].where, found["contact_gap"].when) == (FEET[foot], TIMES_S[at])
         assert found["contact_gap"].value == pytest.approx(depth, rel=1e-6)
 
@@ -632,3 +630,23 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
                     todo += [f"{folder.relative_to(planners).as_posix()}/{one.name}.py" for one in node.names]
     assert seen <= allowed, sorted(seen - allowed)
     assert {"answer/trajectory.py", "terrain/heightfield.py"} <= seen
+
+
+def test_footing_is_reported_of_places_and_of_what_is_beside_them_and_refuses_nothing() -> None:
+    """A plane needs its own slope; a cliff 10 mm beside a foot that stands on level ground counts, one 40 mm away does
+    not, and feet that stick need no friction. The line says so, and what was accepted stays accepted."""
+    walk = standing(0.3, 0.1)
+    assert check_trajectory(walk).figures["footing_friction"] == pytest.approx(np.hypot(0.3, 0.1), abs=1e-6)
+    foot = standing().feet_m[0, 0]
+    needs = {}
+    for away in (0.01, 0.04):
+        x, y = np.linspace(-1.5, 1.5, 1501), np.linspace(-1.5, 1.5, 7)
+        heights = np.repeat(np.clip(x - float(foot[0]) - away, 0.0, 0.02)[:, None], len(y), axis=1)
+        beside = replace(standing(), terrain=HeightField(x_m=x, y_m=y, heights_m=heights))
+        report = check_trajectory(beside)
+        needs[away] = report.figures["footing_friction"]
+        assert report.accepted
+        assert report.margin_message.startswith("no sure" if needs[away] > 0.75 else "sure")
+    assert [needs[0.01], needs[0.04]] == pytest.approx([1.0, 0.0], abs=0.02)
+    sticks = replace(walk, adhesive=np.ones(4, dtype=bool), suction_n=50.0)
+    assert check_trajectory(sticks).figures["footing_friction"] == 0.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.constraints.footing import OFF_M, SHARE, slope_about, sure_xy
-from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.answer.trajectory import OFF_M
+from stancekit.planners.gait.constraints.footing import SHARE, slope_about, sure_xy
+from stancekit.planners.gait.formulation import formulate, sure
 from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.method.portfolio import footing_of
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
@@ -56,10 +56,13 @@ def test_a_place_moves_to_the_nearest_that_is_sure_and_stays_where_there_is_none
 
 def test_walks_over_an_edge_are_asked_to_stand_sure_and_those_over_gentle_ground_and_up_a_steep_hill_are_not() -> None:
     settings = GaitSettings()
-    assert footing_of(over(edge()), settings) == SHARE
-    assert footing_of(over(HeightField.from_function(lambda x, y: 0.2 * x + 0.0 * y, 1.5, 0.1)), settings) == 0.0
-    assert footing_of(over(HeightField.from_function(lambda x, y: 0.6 * x + 0.0 * y, 1.5, 0.1)), settings) == 0.0
-    assert footing_of(over(edge(), (True,) * 4), settings) == 0.0
+    gentle, hill = (HeightField.from_function(lambda x, y, a=a: a * x + 0.0 * y, 1.5, 0.1) for a in (0.2, 0.6))
+    assert sure(over(edge()), settings).footing == SHARE
+    assert sure(over(edge()), replace(settings, footing=0.0)).footing == 0.0
+    assert [sure(over(ground), settings).footing for ground in (gentle, hill)] == [0.0, 0.0]
+    assert sure(over(edge(), (True,) * 4), settings).footing == 0.0
+    for chart in ("decoupled", "ambient"):
+        assert formulate(over(edge()), GaitSettings(chart=chart)).settings.footing == SHARE
 
 
 @pytest.mark.parametrize("chart", ["decoupled", "ambient"])
@@ -69,7 +72,7 @@ def test_feet_of_a_walk_over_an_edge_stand_where_a_foot_that_is_off_holds_too(ch
     found = program.solve()
     assert found.success
     assert float(slope_about(task.terrain, stances(program, found.x)).max()) <= SHARE * task.friction + 1e-3
-    plain = formulate(task, GaitSettings(chart=chart))
+    plain = formulate(task, GaitSettings(chart=chart, footing=0.0))
     assert float(slope_about(task.terrain, stances(plain, plain.guess)).max()) > task.friction
 
 
