@@ -21,6 +21,7 @@ from scipy.ndimage import find_objects, uniform_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from .cells import GroundCells, Labels, fitted, solved
 from .elevation import ElevationMap
@@ -28,7 +29,7 @@ from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import certainties
 from .mesh_footholds import standing_pieces
-from .noisy_surfaces import halves_of, noisy_surfaces
+from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
 from .patch import Patch
 from .polygon import SMALLEST_M
 
@@ -54,6 +55,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     """The footholds of a map, or of the cloud that it is of; what else there is of it is no surface."""
     cells, noise_m = _cells_of(terrain, limits)
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
+    _check_noise(terrain.name, cells, limits)
     noisy = cells.sparse or noise_m > QUIET * limits.roughness_m
     if noisy:
         labels = noisy_surfaces(cells, limits, max(noise_m, QUIET * limits.roughness_m))
@@ -107,6 +109,18 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
         name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
         surfaces=tuple(surfaces), limits=limits, noise_m=noise_m,
     )  # fmt: skip
+
+
+def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
+    """Raise InvalidInput for noise with which no square that may be looked at has a plane that feet can use."""
+    dense = max(float(np.mean(cells.moments[0][cells.known])), 1.0)
+    side = max(LARGEST_M, 3.0 * cells.spacing_m)
+    most = COARSE_SD_M * np.sqrt(dense) * side / cells.spacing_m
+    if limits.noise_m is not None and limits.noise_m > most:
+        raise InvalidInput(
+            f"{name}: noise_m: expected {most:.2g} m or less, with which a plane over {100.0 * side:.0f} cm of samples "
+            f"is known within {1e3 * COARSE_SD_M:g} mm, got {limits.noise_m:g} m"
+        )
 
 
 def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray[np.bool_]:
