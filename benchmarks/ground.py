@@ -44,7 +44,7 @@ from _bench import Options, Row, kept, launch, of_checkout
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain.foothold_search import read_footholds
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
@@ -256,7 +256,7 @@ def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: b
 
     try:
         answer = stancekit.plan(found, start_xy_m=[-0.3, 0.0], goal_xy_m=[0.3, 0.0])
-    except InvalidInput as error:
+    except (InvalidInput, PlanningFailed) as error:
         return {"plan": "none", "why": str(error)}
     plan = answer.solution
     if plan is None or answer.report is None or not answer.report.accepted:
