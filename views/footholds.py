@@ -68,7 +68,8 @@ def _sure(found: Footholds) -> str:
 def _colour(piece: TerrainPatch) -> str:
     """Green where a foothold's height is exact, amber where it is not known to ``UNSURE_SD_M``, between them else."""
     share = min((piece.height_sd_m or 0.0) / UNSURE_SD_M, 1.0)
-    return to_hex((1.0 - share) * np.array(to_rgb(GOOD)) + share * np.array(to_rgb(UNSURE)))
+    red, green, blue = ((1.0 - share) * a + share * b for a, b in zip(to_rgb(GOOD), to_rgb(UNSURE), strict=True))
+    return to_hex((red, green, blue))
 
 
 def _facet(patch: Patch, colour: str, edge: str, layer: Layer, off_m: float) -> Facet:

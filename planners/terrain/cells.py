@@ -159,7 +159,7 @@ def block_squares(labels: Labels, cells: GroundCells, planes: Array, side: int) 
     """How far means over blocks of each surface are off its plane: the sum of their squares times the samples of each,
     and the number of blocks, shape (S,) each. side: of a block, in cells."""
     i, j = np.nonzero(labels >= 0)
-    number, (one, x, y, z) = labels[i, j], cells.moments[np.ix_([0, 1, 2, 6])][:, i, j]
+    number, (one, x, y, z) = labels[i, j], (cells.moments[k, i, j] for k in (0, 1, 2, 6))
     a, b, c = planes[number].T
     rest = z - a * x - b * y - c * one
     wide = labels.shape[1] // side + 2
@@ -167,9 +167,9 @@ def block_squares(labels: Labels, cells: GroundCells, planes: Array, side: int) 
     owner = np.zeros(int(block.max(initial=-1)) + 1, dtype=np.int_)
     owner[block] = number
     weight = np.bincount(block, weights=one)
-    square = np.bincount(block, weights=rest) ** 2 / np.maximum(weight, 1.0)
+    square = np.asarray(np.bincount(block, weights=rest) ** 2 / np.maximum(weight, 1.0), dtype=np.float64)
     return (
-        np.bincount(owner, weights=square, minlength=len(planes)),
+        np.bincount(owner, weights=square, minlength=len(planes)).astype(np.float64),
         np.bincount(owner, minlength=len(planes)).astype(np.float64),
     )
 

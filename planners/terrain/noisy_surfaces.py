@@ -307,16 +307,17 @@ def _excess(parts: Array, block: Labels, sums: Array, rows: list[Labels], pair: 
     not; the larger of that of both and that of the smaller one alone, in its deviations."""
     one, other = pair
     a, b, c = solved(sums[:, one] + sums[:, other])[0]
-    n, x, y, z = parts[np.ix_([0, 1, 2, 6], np.concatenate([rows[one], rows[other]]))]
+    its = np.concatenate([rows[one], rows[other]])
+    n, x, y, z = (parts[k, its] for k in (0, 1, 2, 6))
     rest = z - a * x - b * y - c * n
-    places, at = np.unique(block[np.concatenate([rows[one], rows[other]])], return_inverse=True)
+    places, at = np.unique(block[its], return_inverse=True)
     together = np.bincount(at, weights=rest) ** 2 / np.bincount(at, weights=n)
     small = slice(0, len(rows[one])) if sums[0, one] < sums[0, other] else slice(len(rows[one]), None)
     alone = rest[small] ** 2 / n[small]
     found = []
     for squares, freedom, times in ((together, len(places) - 3.0, 3.0), (alone, float(len(alone)), CHOSEN)):
         freedom = max(freedom, 1.0)
-        found.append((squares.sum() / noise_m**2 - freedom) / np.sqrt(2.0 * freedom) - times)
+        found.append(float((squares.sum() / noise_m**2 - freedom) / np.sqrt(2.0 * freedom) - times))
     return max(found)
 
 
