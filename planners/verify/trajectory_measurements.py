@@ -279,7 +279,7 @@ class TrajectoryMeasurements:
 
 def _began(contact: Flags) -> Flags:
     """Where feet come down, or stand at the first sample, shape (K, E)."""
-    return contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]])
+    return np.asarray(contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]]), dtype=bool)
 
 
 def _split(forces: Array, normals: Array) -> tuple[Array, Array]:
