@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from stancekit.envs.data.leap_tries import open_rows
+from stancekit.learners.leaps.kinds import FORMAT
 from stancekit.learners.selectors.selector import Learned
-from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.selectors.selector_file import load_selector, safetensors_format
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
@@ -67,7 +68,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         ``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the pair (Problem, Certificate) of
         a proof; Leap, or LeapPlan or such a pair where its file holds an answer (``stancekit/leap/1``, or YAML);
         Trajectory of a gait; Dataset; LeapTries; GaitRobot (YAML or URDF); what a safetensors file of a neural
-        selector, chooser or policy holds, as ``Learned``. Nothing is unpickled.
+        selector, chooser or policy holds, as ``Learned``; LeapScorer. Nothing is unpickled.
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
     Source:
@@ -149,6 +150,10 @@ def _read(path: Path) -> Any:
     if (str(path) in (*builtin_courses(), *builtin_scenes()) or drawn_name(str(path))) and not path.exists():
         return read_course(path)
     if path.suffix == ".safetensors":
+        if safetensors_format(path) == FORMAT:
+            from stancekit.learners.leaps.scorer import LeapScorer  # torch takes a while to load
+
+            return LeapScorer.read(path)
         return load_selector(path)
     if path.suffix in (".yaml", ".yml"):
         data = read_yaml(path)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.leap_tries import LeapTries, open_rows
 from stancekit.envs.data.scenes import scenes_of
 from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
@@ -15,10 +16,11 @@ from stancekit.learners.data.origin import check_unseen
 from stancekit.learners.data.origin import rows_of as rows_of
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
+from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fit_settings import SPREAD as SPREAD
-from stancekit.learners.training.fit_settings import FitSettings
+from stancekit.learners.training.fit_settings import FitSettings, missing
 from stancekit.learners.training.fitting import learn
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
@@ -27,6 +29,9 @@ from stancekit.planners.files.validation import typed
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
+
+if TYPE_CHECKING:
+    from stancekit.learners.leaps.scorer import LeapScorer
 
 Rows = Dataset | str | Path
 Progress = Callable[[int, int], None]
@@ -37,10 +42,14 @@ LIFT = "lift"
 @overload
 def fit(dataset: Rows | Sequence[Rows], method: Literal["modes"], **how: Any) -> Modes: ...
 @overload
+def fit(
+    dataset: LeapTries | str | Path, method: Literal["additive", "set"], **how: Any
+) -> LeapScorer: ...
+@overload
 def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **how: Any) -> Learned: ...
 @checked
 def fit(
-    dataset: Rows | Sequence[Rows],
+    dataset: Rows | LeapTries | Sequence[Rows],
     method: str = "gmm",
     *,
     calibration: Rows | None = None,
@@ -48,24 +57,26 @@ def fit(
     workers: int | Executor = 1,
     progress: Progress | None = None,
     **settings: object,
-) -> Learned | Modes:
-    """Learn a selector of envelopes from a labelled data set.
+) -> Any:
+    """Learn a selector of envelopes from a labelled data set, or scores of candidates from labelled tries of leaps.
 
     Arguments:
         dataset: what ``label`` returned, or its folder; for "modes" several, one a terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by line), "gmm" (its
             boundary is fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural",
             "joint" (for P1 joined with the lift) and "rl" need torch. Or one that a package registered under
-            ``stancekit.methods``, or "FILE.py:NAME".
+            ``stancekit.methods``, or "FILE.py:NAME". Of tries of leaps: "additive", a logistic sum over the toes,
+            and "set", a network that sees all candidates; both need torch.
         calibration: rows to calibrate a neural selector on; a part of the data set where None.
         checkpoint: file ("rl": folder) by which "ga", "neural" and "rl" go on where they were stopped.
         workers: processes of "ga", or an executor; the result does not depend on them.
         progress: called with steps done, and all.
         settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold, boxes, steps, batch,
-            seed, ... Those that do not concern the method are refused.
+            seed, ... Those that do not concern the method are refused. Of tries: of
+            ``learners.leaps.training.ScorerSettings``.
     Returns:
         A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``; ``save`` writes it.
-        ``Modes`` for "modes": for ``plan``.
+        ``Modes`` for "modes": for ``plan``. A ``LeapScorer`` for tries of leaps: for ``LeapFinder(rule=...)``.
     Raises:
         InvalidInput: for an unknown method or setting, and rows that the method lacks.
     Source:
@@ -76,6 +87,12 @@ def fit(
         >>> stancekit.fit(train, "quantile", share=0.1).envelopes.legs
         ('RF', 'RR', 'LM')
     """
+    if method in KINDS:
+        if calibration is not None or checkpoint is not None or workers != 1:
+            raise InvalidInput(f"method: expected no calibration, checkpoint or workers with {method}, got some")
+        return _scorer(dataset, method, settings, progress)
+    if isinstance(dataset, LeapTries):
+        raise InvalidInput(f"method: expected {' or '.join(KINDS)} with tries of leaps, got {method}")
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
     rows, asked = [rows_of(each) for each in several], typed(FitSettings, settings, "")
     asked.check_used(method)
@@ -90,6 +107,18 @@ def fit(
         checkpoint=None if checkpoint is None else Path(checkpoint),
         run=_executor(workers),
     )
+
+
+def _scorer(dataset: Any, method: Any, settings: Mapping[str, Any], progress: Progress | None) -> LeapScorer:
+    """Scores of leaps' candidates from labelled tries."""
+    rows = open_rows(dataset) if isinstance(dataset, str | Path) else dataset
+    if not isinstance(rows, LeapTries):
+        raise InvalidInput(f"data set: expected labelled tries of leaps with the method {method}, got {rows!r:.80}")
+    try:
+        from stancekit.learners.leaps.training import ScorerSettings, fit_scorer  # torch takes a while to load
+    except ImportError as error:
+        raise missing(method, error) from None
+    return fit_scorer(rows, method, typed(ScorerSettings, settings, ""), progress)
 
 
 def settings_of(method: str, given: Mapping[str, Any], config: Path | None = None) -> dict[str, Any]:

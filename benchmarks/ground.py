@@ -8,7 +8,16 @@ and a slope with a step of 6 cm. Each is sampled as a grid or as a cloud with no
     off_mm   95th percentile of the distance from footholds to the true surface at the same place, and the largest
     far      share of the footholds' area that is more than 2 cm off the true surface
     over     share of the footholds' area that lies beyond a true edge of their own surface
+    z_rms    root mean square of the distance from footholds to the true surface in standard deviations, as the package
+             says them; z_beyond_3: share of the footholds' area where it is more than three
     cpu_s    time of the search
+
+With --plan a hexapod's course is planned over each, with --play it is executed on the true ground:
+
+    accepted       plans that are accepted; toes_worst_mm: the toe that is farthest off the true surface
+    toes_within    toes whose touch-down reaches the true surface
+    toes_over      toes with a true edge of 1 cm or more within 1 cm
+    executed       plans that MuJoCo executes on the true ground with success
 
 Cells are kept in a folder, so that a run that ends goes on where it was. With --against, the same cells are measured
 with the package of another checkout, in which ``python setup.py links`` was run, and both are printed.
@@ -35,17 +44,21 @@ from _bench import Options, Row, kept, launch, of_checkout
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain.foothold_search import read_footholds
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import ImportOptions
+from stancekit.planners.terrain.patch import Patch
 
 LOW, HIGH = np.array([-1.0, -0.8]), np.array([1.4, 0.8])
 """Corners of the ground [m]."""
 FINE_M, MARGIN_M, CORRELATED_M = 0.005, 0.02, 0.05
 """Spacing of the raster of the truth, margin of footholds, and length over which noise is correlated [m]."""
-FAR_M = 0.02
+LEAST_SD_M = 1e-4
+"""Errors are counted in standard deviations that are no less [m]."""
+FAR_M, HOLE_M, STEP_M = 0.02, 0.06, 0.01
+"""Footholds farther than this off the truth are counted; side of a hole; and steps lower than this are no edges [m]."""
 Truth = tuple[Array, NDArray[np.int_]]
 """Heights [m], and which surface is there, the same number for one plane."""
 
@@ -70,8 +83,18 @@ class GroundOptions(Options):
     """The package is told the noise (noise_m) instead of estimating it; another checkout always is."""
     plan: bool = False
     """A hexapod's course over 60 cm is planned, too: whether it is accepted, and its toes against the truth."""
+    play: bool = False
+    """Accepted plans are executed on the true ground in MuJoCo, too."""
+    holes: float = 0.0
+    """Share of the ground, in squares of 6 cm, that has no samples."""
     against: Path | None = None
     """Another checkout to measure the same cells with."""
+
+    @property
+    def parts(self) -> str:
+        """What is measured beside the footholds, as a part of a cell's name."""
+        holes = f"-holes{self.holes:g}" if self.holes else ""
+        return f"{holes}{'-play' if self.play else '-plan' if self.plan else ''}"
 
 
 def main(options: GroundOptions) -> None:
@@ -87,7 +110,7 @@ def main(options: GroundOptions) -> None:
         subprocess.run(command, env=of_checkout(options.against.resolve()), stdout=subprocess.DEVNULL, check=True)
     found: dict[tuple[str, str], list[Row]] = {}
     for kind, noise, draw, ground in cells(options):
-        name = f"{ground}-{kind}-{noise}-{draw}{'-plan' if options.plan else ''}"
+        name = f"{ground}-{kind}-{noise}-{draw}{options.parts}"
         for side, folder in sides.items():
             told = options.told or side == "before"
             path = folder / f"{name}{'-told' if told else ''}.json"
@@ -110,13 +133,17 @@ def cells(options: GroundOptions) -> list[tuple[str, str, int, str]]:
 
 def means(rows: list[Row]) -> Row:
     """Means of the figures that every row has, and of plans their counts."""
-    keys = ("area", "off_mm", "worst_mm", "far", "over", "cpu_s")
+    keys = ("area", "off_mm", "worst_mm", "far", "over", "cpu_s", "z_rms", "z_beyond_3")
     some: Row = {key: round(float(np.mean([row[key] for row in rows if key in row] or [np.nan])), 4) for key in keys}
     some["none"] = sum("none" in row for row in rows)
     if any("plan" in row for row in rows):
         good = [row for row in rows if row.get("plan") == "accepted"]
+        toes = sum(row["toes"] for row in good)
         some |= {"accepted": len(good), "toes_worst_mm": max((row["toes_worst_mm"] for row in good), default=None)}
-        some["toes_over"] = sum(row["toes_over"] for row in good)
+        some |= {key: sum(row[key] for row in good) for key in ("toes", "toes_over", "toes_within")}
+        some["within"] = round(some["toes_within"] / toes, 4) if toes else None
+        if any("executed" in row for row in good):
+            some |= {"played": len(good), "executed": sum(row["executed"] for row in good)}
     return some
 
 
@@ -136,7 +163,9 @@ def cell_of(ground: str, kind: str, noise: str, draw: int, options: GroundOption
         if correlated_m:
             noises = gaussian_filter(noises, 0.5 * correlated_m / spacing_m)
             noises /= noises.std()
-        np.save(path, heights + deviation_m * noises)
+        heights = heights + deviation_m * noises
+        heights[holed(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1), options.holes, rng)] = np.nan
+        np.save(path, heights)
         middle = 0.5 * np.array([x[0] + x[-1], y[0] + y[-1]])
         meaning = ImportOptions(kind="grid", spacing_m=spacing_m, offset_m=(*middle, 0.0))
     else:
@@ -146,7 +175,8 @@ def cell_of(ground: str, kind: str, noise: str, draw: int, options: GroundOption
             field = gaussian_filter(rng.standard_normal((480, 320)), 0.5 * correlated_m / FINE_M)
             at = ((places - LOW) / FINE_M).astype(int)
             noises = field[at[:, 0], at[:, 1]] / field.std()
-        np.save(path, np.column_stack([places, truth(*places.T)[0] + deviation_m * noises]))
+        points = np.column_stack([places, truth(*places.T)[0] + deviation_m * noises])
+        np.save(path, points[~holed(places, options.holes, rng)])
         dense = len(places) / float(np.prod(HIGH - LOW))
         meaning = ImportOptions(kind="cloud", spacing_m=float(np.clip(2.0 / np.sqrt(dense), 0.01, 0.05)))
     limits = FootholdLimits(margin_m=MARGIN_M, **({"noise_m": deviation_m} if told else {}))
@@ -156,7 +186,14 @@ def cell_of(ground: str, kind: str, noise: str, draw: int, options: GroundOption
     except InvalidInput as error:
         return {"none": str(error), "area": 0.0, "cpu_s": round(time.process_time() - begun, 3)}
     row = {**score(found, truth), "cpu_s": round(time.process_time() - begun, 3)}
-    return row | (planned(found, truth) if options.plan else {})
+    return row | (planned(found, truth, play=options.play) if options.plan or options.play else {})
+
+
+def holed(places: Array, share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Which places, shape (…, 2), have no sample: those in squares of 6 cm of this share."""
+    squares = ((places - LOW) / HOLE_M).astype(int)
+    empty = rng.random((64, 64)) < share if share else np.zeros((64, 64), dtype=bool)
+    return np.asarray(empty[squares[..., 0], squares[..., 1]])
 
 
 def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
@@ -171,6 +208,7 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
     good = distance_transform_edt(~edge) * FINE_M > MARGIN_M
     covered = np.zeros(x.shape, dtype=bool)
     off, over, cells_of = list[Array](), 0, 0
+    standard = list[Array]()
     for piece in found.pieces:
         corners, normal = piece.patch.vertices_m, piece.patch.normal
         if abs(normal[2]) < 0.1:
@@ -186,11 +224,19 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
         )
         own = surface[part] == np.bincount(surface[part][inside]).argmax()
         off.append(np.abs(level - heights[part])[inside])
+        if piece.patch.certainty is not None:
+            places = np.stack([x[part][inside], y[part][inside]], axis=-1)
+            spread = np.maximum(piece.patch.certainty.height_sd_m(places), LEAST_SD_M)
+            standard.append((level - heights[part])[inside] / spread)
         over += int((inside & ~own).sum())
         cells_of += int(inside.sum())
         covered[part] |= inside & own & (np.abs(level - heights[part]) < FAR_M)
     all_off = 1e3 * np.concatenate(off or [np.zeros(1)])
-    return {
+    z = np.abs(np.concatenate(standard)) if standard else None
+    errors = {} if z is None else {
+        "z_rms": round(float(np.sqrt(np.mean(z**2))), 3), "z_beyond_3": round(float(np.mean(z > 3.0)), 4),
+    }  # fmt: skip
+    return errors | {
         "area": round(float((covered & good).sum() / good.sum()), 4),
         "off_mm": round(float(np.quantile(all_off, 0.95)), 2), "worst_mm": round(float(all_off.max()), 1),
         "far": round(float(np.mean(all_off > 1e3 * FAR_M)), 4), "over": round(over / max(cells_of, 1), 5),
@@ -199,24 +245,69 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
     }  # fmt: skip
 
 
-def planned(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
-    """A course of the default hexapod along x, and its toes against the truth."""
+def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: bool) -> Row:
+    """A course of the default hexapod along x, its toes against the truth, and what comes of it on the true ground.
+
+    toes_within: those whose touch-down reaches the true surface, half a millimetre beside it for exact grounds.
+    toes_over: those with a true edge, a step of a centimetre or more, within a centimetre.
+    """
     import stancekit
+    from stancekit.planners.motion.touch_down import touch_downs_m
 
     try:
         answer = stancekit.plan(found, start_xy_m=[-0.3, 0.0], goal_xy_m=[0.3, 0.0])
-    except InvalidInput as error:
+    except (InvalidInput, PlanningFailed) as error:
         return {"plan": "none", "why": str(error)}
-    if answer.solution is None or not answer.report.accepted:
+    plan = answer.solution
+    if plan is None or answer.report is None or not answer.report.accepted:
         return {"plan": answer.status.name.lower(), "why": answer.message}
-    toes = answer.solution.toes_m
+    toes, normals = plan.toes_m, np.array([plan.problem.patch(p, plan.choice).normal for p in range(len(plan.toes_m))])
     heights, surface = truth(*toes[:, :2].T)
-    about = [truth(*(toes[:, :2] + step).T)[1] for step in 0.01 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])]
-    off = 1e3 * np.abs(toes[:, 2] - heights)
-    return {
-        "plan": "accepted", "toes_worst_mm": round(float(off.max()), 1), "toes": len(toes),
-        "toes_over": int(np.any([other != surface for other in about], axis=0).sum()),
+    off = np.abs(toes[:, 2] - heights)
+    over = np.zeros(len(toes), dtype=bool)
+    for step in 0.01 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]):
+        level, other = truth(*(toes[:, :2] + step).T)
+        gone_on = heights - normals[:, :2] @ step / normals[:, 2]
+        over |= (other != surface) & (np.abs(level - gone_on) > STEP_M)
+    row: Row = {
+        "plan": "accepted", "toes_worst_mm": round(1e3 * float(off.max()), 1), "toes": len(toes),
+        "toes_over": int(over.sum()), "toes_within": int((off * normals[:, 2] <= touch_downs_m(plan) + 5e-4).sum()),
+        "touch_down_mm": round(1e3 * float(touch_downs_m(plan).max()), 1),
     }  # fmt: skip
+    return row | (played(plan, truth) if play else {})
+
+
+def played(plan: Any, truth: Callable[[Array, Array], Truth]) -> Row:
+    """A plan on the true ground in MuJoCo."""
+    from stancekit.runner.run import simulate
+
+    try:
+        report = simulate(plan, "mujoco", terrain=true_patches(truth, plan.problem.terrain[0].friction))
+    except InvalidInput as error:
+        return {"executed": False, "said": f"not begun: {error}"}
+    run = report.execution
+    slip = None if run is None else round(1e3 * float(run.slip_m.max()), 1)
+    body = None if run is None else round(1e3 * run.com_worst_m, 1)
+    return {"executed": report.succeeded, "said": report.message, "slip_mm": slip, "body_mm": body}
+
+
+def true_patches(truth: Callable[[Array, Array], Truth], friction: float) -> list[Patch]:
+    """Every surface of the true ground as a rectangle; floors go on below what stands on them."""
+    lines = [np.arange(a - 0.3, b + 0.3, FINE_M) + 0.5 * FINE_M for a, b in zip(LOW, HIGH, strict=True)]
+    x, y = np.meshgrid(*lines, indexing="ij")
+    heights, surface = truth(x, y)
+    found = []
+    for number in np.unique(surface):
+        own = surface == number
+        a, b = x[own], y[own]
+        level = np.linalg.lstsq(np.column_stack([np.ones(len(a)), a, b]), heights[own], rcond=None)[0]
+        half = 0.5 * FINE_M
+        (x0, x1), (y0, y1) = (a.min() - half, a.max() + half), (b.min() - half, b.max() + half)
+        corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+        vertices = np.column_stack([corners, level[0] + corners @ level[1:]])
+        normal = np.array([-level[1], -level[2], 1.0]) / np.sqrt(1.0 + level[1:] @ level[1:])
+        found.append(Patch(vertices_m=vertices, normal=normal, shear_reference=[1.0, 0.0, 0.0], friction=friction))
+    return found
 
 
 def grounds(rng: np.random.Generator) -> dict[str, Callable[[Array, Array], Truth]]:

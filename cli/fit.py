@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from stancekit.learners.data.executor import Executor
     from stancekit.planners.relaxation.envelope import EnvelopeSet
 
+LEAP_SCORES = ("additive", "set")
+"""Methods that learn from tries of leaps."""
 SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
 """Settings of methods that are options here."""
 
@@ -31,7 +33,8 @@ class Fit:
     ga: paper E's genetic algorithm. gradient: boxes that descend P1's margins together. chooser: those, and a network
     that picks one a terrain. neural: a network from terrain to box. joint: one to box and point, for P1 joined with
     the lift. rl: a policy learned in the environment. modes: a box a terrain, forces in world axes, between which
-    `stancekit plan --envelope` switches.
+    `stancekit plan --envelope` switches. additive, set: scores of candidates for `stancekit plan --policy`, from the
+    labelled tries of a class of leaps.
     """
 
     dataset: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")]
@@ -61,7 +64,8 @@ class Fit:
     seed: int = 0
     """Seed of mixture and descent."""
     config: OptionalPath = None
-    """YAML file with the settings of ga, neural, chooser and rl, each under its name (ga: genetic)."""
+    """YAML file with the settings of ga, neural, chooser and rl, each under its name (ga: genetic), or with those of
+    additive and set."""
     calibration: OptionalPath = None
     """Data set folder to calibrate a neural selector on; without it a part of the data set is kept for that."""
     checkpoint: OptionalPath = None
@@ -84,6 +88,8 @@ class Fit:
         check_writable(self.out)
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
+        if self.method in LEAP_SCORES:
+            return self._scores()
         rows = [rows_of(folder, self.part, self.robot, self.terrain) for folder in self.dataset]
         settings, workers = self._settings(), self._executor()
         with progress(f"fit {self.method}") as bar:
@@ -107,6 +113,24 @@ class Fit:
         except InvalidInput:  # a network chooses them by the scene
             fixed = None
         return self._said(learned.problem_class, "envelopes", fixed)
+
+    def _scores(self) -> int:
+        """Fit the scores of leaps' candidates and write them."""
+        from stancekit.planners.files.documents import read_yaml
+        from stancekit.selectors import fit
+
+        if len(self.dataset) > 1 or self.part != "all":
+            raise InvalidInput(f"FOLDER: expected one whole folder of tries with {self.method}, got some or a part")
+        settings = {"seed": self.seed, **({} if self.config is None else read_yaml(self.config))}
+        with progress(f"fit {self.method}") as bar:
+            scorer: Any = fit(self.dataset[0], self.method, progress=bar, **settings)
+        scorer.write(self.out)
+        if self.json:
+            emit({"out": str(self.out), "method": self.method, "origin": scorer.origin})
+        else:
+            origin = scorer.origin
+            out.print(f"{self.out}: scores for {origin['class']} from {origin['rows']} tries")
+        return 0
 
     def _said(self, problem_class: str, what: str, fitted: EnvelopeSet | None) -> int:
         """Say what was written: boxes, or a network."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from .plan import PlanCourse
 
-USES = ("course", "planner", "reserve", "time_limit_s", "out", "proof", "picture", "video", "html", "json")
+USES = ("course", "planner", "policy", "reserve", "time_limit_s", "out", "proof", "picture", "video", "html", "json")
 """Options of ``stancekit plan`` that a leap has a use for; any other is refused."""
 
 
@@ -79,6 +79,7 @@ def _method(asked: PlanCourse) -> Any:
 
     from stancekit.planners.files.writing import check_writable
     from stancekit.planners.leap.finder import LeapFinder, Order
+    from stancekit.planners.leap.rule import Rule, Scorer
 
     _check_unused(asked)
     orders = get_args(Order)
@@ -91,7 +92,12 @@ def _method(asked: PlanCourse) -> Any:
                 raise InvalidInput(f"{path}: expected a file whose name ends with .json")
     check_drawn(asked.picture, asked.video, asked.html)
     order: Any = "finder" if asked.planner == "two-stage" else asked.planner
-    return LeapFinder(order=order, share=0.8 if asked.reserve else 1.0)
+    rule: Scorer = Rule()
+    if asked.policy is not None:
+        from stancekit.learners.leaps.scorer import LeapScorer
+
+        rule = LeapScorer.read(asked.policy)
+    return LeapFinder(order=order, rule=rule, share=0.8 if asked.reserve else 1.0)
 
 
 def _check_unused(asked: PlanCourse) -> None:

@@ -93,6 +93,8 @@ class PlanCourse:
     """Folder of reach polytopes (OBJ, as kinematic planners publish them) in place of the limbs' own reach."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file of modes."""
+    policy: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Of a leap: learned scores of candidates, as `stancekit fit` writes them, in place of the hand rule's."""
     projection: Annotated[str, PROJECTION] = "scp"
     """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp: frees all, in
     steps."""
@@ -201,6 +203,8 @@ class PlanCourse:
         from stancekit.planners.search.methods import COURSE_METHODS
 
         check_planner(self, "planner", COURSE_METHODS, "courses")
+        if self.policy is not None:
+            raise InvalidInput(f"--policy: expected a leap with it, got {self.course}")
         self._limits()
         with as_options("wrench"):
             wrench_numbers(self.wrench)

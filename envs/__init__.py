@@ -27,3 +27,8 @@ gymnasium.register(
     entry_point="stancekit.envs.warped_gait:WarpedGaitEnv",
     order_enforce=True,
 )
+gymnasium.register(
+    id="stancekit/LeapChoice-v0",
+    entry_point="stancekit.envs.leap_choice:LeapChoiceEnv",
+    order_enforce=True,
+)

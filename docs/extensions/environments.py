@@ -33,9 +33,12 @@ REWARDS = {
         r"&- w_\text{iterations}\;\frac{k}{k_\text{limit}} - w_\text{seconds}\;t",
         "stancekit.envs.warped_gait:GaitRewardWeights",
     ),
+    "LeapChoice": (
+        r"r = [\text{the verifier accepts a leap}] - \frac{\text{convex problems solved}}{\text{solves}}", "",
+    ),
 }
 """The section Reward as a formula, and where its weights are."""
-PICTURE = "EnvelopeSelection", "Traverse", "WarpedGait"
+PICTURE = "EnvelopeSelection", "LeapChoice", "Traverse", "WarpedGait"
 """Environments that can be drawn."""
 
 

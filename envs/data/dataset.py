@@ -174,7 +174,7 @@ class Dataset:
             return self
         shards = [self.ledger.read(shard, ["problem"]) for shard in range(self.header.plan.shards)]
         texts = [text for shard in shards for text in shard.column("problem").to_pylist()]
-        found = [_is_test(texts[k]) == (part == "test") for k in self.chosen]
+        found = [is_test(texts[k]) == (part == "test") for k in self.chosen]
         return replace(self, chosen=self.chosen[np.array(found, dtype=bool)], part=part, _open={})
 
     @property
@@ -246,6 +246,6 @@ class Dataset:
             raise InvalidInput(f"{self.ledger.folder / shard_name(shard)}: row {row}: {error}") from None
 
 
-def _is_test(problem: str) -> bool:
+def is_test(problem: str) -> bool:
     """Whether the problem, as a shard has it, is of the part "test"."""
     return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % TEST_SHARE == 0

@@ -19,7 +19,7 @@ from stancekit.planners.leap.tries import LABELS, Try
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_json import leap_from_keys, leap_to_json
 
-from .dataset import Dataset
+from .dataset import Dataset, is_test
 from .ledger import Ledger, TryHeader, read_header, shard_name
 from .pools import folder_of
 from .summary import Summary
@@ -184,6 +184,12 @@ class LeapTries:
         shard = scene // plan.scenes_a_shard
         rows = _firsts(self._scene_table(shard))
         return self._leap(shard, scene, rows[scene - plan.scenes_of(shard).start])
+
+    def parts(self) -> list[str]:
+        """Of every scene "train" or "test", by a hash of its class, seed and number: the same in whatever data set."""
+        plan = self.header.plan
+        names = (scene_name(plan.distribution, plan.seed, number) for number in range(plan.scenes))
+        return ["test" if is_test(name) else "train" for name in names]
 
     def plan(self, index: int) -> LeapPlan:
         """The plan of a try, its body worked out from toes and forces. Raises InvalidInput for one without any."""

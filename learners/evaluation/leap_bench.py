@@ -41,6 +41,10 @@ FINDERS = {
     "finder": LeapFinder(order="finder", solves=MANY),
 }
 METHODS = (*FINDERS, "ipopt")
+AGAIN = {"noise": ("noise-again", LeapFinder(order="noise", solves=MANY, seed=1))}
+"""Methods that draw, by another name with another seed."""
+SCORER = ".safetensors"
+"""Ending of a file of learned scores, which the finder takes in place of the rule's: a method by the file's name."""
 PROOF = "proof"
 """In place of a method's name: the search for a proof on a scene that no method solved."""
 ROWS = "rows.jsonl"
@@ -51,9 +55,10 @@ class LeapBenchSettings:
     """What is measured.
 
     distribution: a class of ``configs/leaps.yaml``. scenes: how many, from number 0 on; seed: of all of them. methods:
-    of ``METHODS``. solves: convex problems at most per method and scene, which does not depend on how busy the computer
-    is. ipopt_s: CPU time at most of IPOPT per scene, which takes choices in the order of the tuned rule [s]; proof:
-    convex problems at most in search of a proof where nobody found a plan, 0 for none.
+    of ``METHODS`` and ``AGAIN``, and files of learned scores. solves: convex problems at most per method and scene,
+    which does not depend on how busy the computer is. ipopt_s: CPU time at most of IPOPT per scene, which takes
+    choices in the order of the tuned rule [s]; proof: convex problems at most in search of a proof where nobody found
+    a plan, 0 for none.
     """
 
     distribution: str = "leap-hard"
@@ -72,7 +77,10 @@ class LeapBenchSettings:
         checked_int(self.proof, "proof", least=0)
         checked(self.ipopt_s, "ipopt_s", above=0.0)
         for method in self.methods:
-            checked_choice(method, "method", METHODS)
+            if not method.endswith(SCORER):
+                checked_choice(method, "method", (*METHODS, *(name for name, _ in AGAIN.values())))
+        if len({name_of(method) for method in self.methods}) < len(self.methods):
+            raise InvalidInput(f"methods: expected different names, got {', '.join(map(name_of, self.methods))}")
 
     def scene(self, index: int) -> Leap:
         """The scene of a number, which has a generator of its own."""
@@ -109,7 +117,7 @@ def run(
                 file.flush()
     if on_progress is not None:
         on_progress("done", settings.scenes, settings.scenes)
-    wanted = {*settings.methods, PROOF}
+    wanted = {*map(name_of, settings.methods), PROOF}
     return [
         row
         for (index, method), row in sorted(rows.items())
@@ -145,20 +153,22 @@ class _Bench:
 
     def __init__(self, settings: LeapBenchSettings) -> None:
         self._settings, self._programs = settings, Programs()
+        self._finders = {name_of(method): _finder(method) for method in settings.methods if method != "ipopt"}
         self._nlps: dict[tuple[Any, ...], LeapNlp] = {}
 
     def missing(
         self, index: int, rows: Mapping[tuple[int, str], dict[str, Any]]
     ) -> Iterator[dict[str, Any]]:
         """The rows of a scene that are not there yet, its proof last."""
-        todo = [method for method in self._settings.methods if (index, method) not in rows]
-        found = any(rows[index, method]["found"] for method in METHODS if (index, method) in rows)
+        names = list(map(name_of, self._settings.methods))
+        todo = [name for name in names if (index, name) not in rows]
+        found = any(row["found"] for (scene, _), row in rows.items() if scene == index)
         leap = self._settings.scene(index)
         for method in todo:
             row = (
                 self._by_ipopt(leap)
                 if method == "ipopt"
-                else self._by_finder(leap, FINDERS[method])
+                else self._by_finder(leap, self._finders[method])
             )
             found = found or row["found"]
             yield {"scene": index, "method": method, **row}
@@ -237,6 +247,19 @@ class _Bench:
         }
 
 
+def name_of(method: str) -> str:
+    """The name of a method in rows and tables: its own, or that of its file."""
+    return Path(method).stem if method.endswith(SCORER) else method
+
+
+def _finder(method: str) -> LeapFinder:
+    if method.endswith(SCORER):
+        from ..leaps.scorer import LeapScorer  # torch takes a while to load
+
+        return LeapFinder(order="finder", rule=LeapScorer.read(method), solves=MANY)
+    return {**FINDERS, **dict(AGAIN.values())}[method]
+
+
 def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str, Any]]:
     """A line per method: shares of all of its scenes, and the median CPU time of those that anybody solves.
 
@@ -246,8 +269,10 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
     """
     solved = {row["scene"] for row in rows if row["found"]}
     lines = []
-    measured = {row["method"] for row in rows}
-    for method in (method for method in METHODS if method in measured):
+    known = (*METHODS, *(name for name, _ in AGAIN.values()))
+    measured = {row["method"]: None for row in rows if row["method"] != PROOF}
+    others = [method for method in measured if method not in known]
+    for method in (*(method for method in known if method in measured), *others):
         own = [row for row in rows if row["method"] == method]
         within = {row["scene"]: row["solves"] for row in own if row["found"]}
         shared = [row for row in own if row["scene"] in solved]
@@ -261,7 +286,7 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
             {
                 "distribution": distribution,
                 "method": method,
-                "learned": False,
+                "learned": method in others,
                 "scenes": count,
                 "solved": share(len(within), count),
                 "solved_by_any": share(union, count),

@@ -22,7 +22,7 @@ def load_selector(path: str | Path) -> Learned:
     if is_own(str(path)):
         return own_selector(str(path))
     path = _found(Path(path))
-    kind = _safetensors_format(path) if path.is_file() else None
+    kind = safetensors_format(path) if path.is_file() else None
     if kind is None and path.suffix == ".safetensors" and path.is_file():
         raise InvalidInput(f"{path}: expected a whole safetensors file, got something else")
     if kind is None:
@@ -67,7 +67,7 @@ def _network(kind: str, path: Path) -> Learned:
     raise InvalidInput(f"{path}: expected format {known}, got {kind:.60}")
 
 
-def _safetensors_format(path: Path) -> str | None:
+def safetensors_format(path: Path) -> str | None:
     """The format that a safetensors file says it has; None for a file of another kind."""
     with open_file(path) as file:
         size = int.from_bytes(file.read(8), "little")

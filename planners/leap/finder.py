@@ -22,7 +22,7 @@ from .cuts import guide, plan_cut, ray
 from .numbers import LeapNumbers
 from .pick import Picker
 from .prove import ProofSearch, Prover, certificate_of
-from .rule import Rule
+from .rule import Rule, Scorer
 from .scp import FRICTION_SHARE, STOP, LeapAttempt, attempt, plan_of
 
 Order = Literal["random", "rule", "noise", "farkas", "finder"]
@@ -37,7 +37,7 @@ class LeapFinder:
     Arguments:
         order: "finder", the rule with both kinds of cuts; "farkas", with the cuts that prove alone; "rule", its best
             sums first; "noise", the rule with noise and single changes of the best so far; "random".
-        rule: the hand rule's constants.
+        rule: what scores the candidates: the hand rule with its constants, or scores that ``fit`` has learned.
         solves: convex problems at most in search of a plan; 25 find nearly all that is found.
         stop: cost of a first step above which a choice is given up; inf never gives up.
         price: of a unit of predicted cost, in score; 10 to 100 do the same.
@@ -57,7 +57,7 @@ class LeapFinder:
     """
 
     order: Order = "finder"
-    rule: Rule = field(default_factory=Rule)
+    rule: Scorer = field(default_factory=Rule)
     solves: int = 100
     stop: float = STOP
     price: float = 30.0

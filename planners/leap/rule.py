@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from ..files.arrays import Array, check_numbers
+from .features import OF_CANDIDATE, LeapFeatures
 from .numbers import LeapNumbers
-from .scp import FRICTION_SHARE
+
+
+class Scorer(Protocol):
+    """Whatever gives every candidate a score before anything is tried: the hand rule, or a learned one."""
+
+    def scores(self, numbers: LeapNumbers) -> Array:
+        """The score of every candidate, the larger the better, shape (P, options); −inf where there is none."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,34 +38,7 @@ class Rule:
 
     def scores(self, numbers: LeapNumbers) -> Array:
         """The score of every candidate, the larger the better, shape (P, options); −inf where there is none."""
-        scaled, layout, nominal = numbers.scaled, numbers.layout, numbers.nominal
-        contacts = layout.contacts[2]
-        pushes = np.zeros((layout.footholds, 3))
-        np.add.at(pushes, contacts, nominal.forces)
-        along = (pushes / np.linalg.norm(pushes, axis=1, keepdims=True))[layout.candidate_footholds]
-        own = np.matmul(along[:, None], scaled.frames)[:, 0]
-        grip = FRICTION_SHARE * scaled.friction * own[:, 0] - np.hypot(own[:, 1], own[:, 2])
-        room = self._room(numbers)
+        seen = LeapFeatures.of(numbers)
+        grip, room = (seen.candidates[:, :, OF_CANDIDATE.index(name)] for name in ("grip", "room_m"))
         score = self.grip * np.minimum(grip, self.grip_cap) + self.room * np.minimum(room, self.room_cap)
-        return scaled.by_candidate(score, -np.inf)
-
-    def _room(self, numbers: LeapNumbers) -> Array:
-        """The least of what is left of reach and height where the limb stands, at a patch's middle, shape (K,) [m]."""
-        scaled, layout = numbers.scaled, numbers.layout
-        frame, limb, foothold = layout.standing
-        middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
-        com = numbers.nominal.com[frame]
-        room = np.full(len(middles), np.inf)
-        height = numbers.leap.limits.height_m
-        for j in range(layout.footholds):
-            mine = np.flatnonzero(foothold == j)
-            own = np.flatnonzero(layout.candidate_footholds == j)
-            away = middles[own][:, None] - com[mine]
-            left = scaled.reach[limb[mine]] - np.linalg.norm(away - scaled.shoulders[limb[mine]], axis=2)
-            left = np.minimum(left, -height - away[:, :, 2])
-            if layout.reach_rows:
-                half = np.flatnonzero(layout.row_limbs == limb[mine[0]])
-                inside = scaled.half_spaces.bounds[half] - away @ scaled.half_spaces.normals[half].T
-                left = np.minimum(left, inside.min(axis=2))
-            room[own] = left.min(axis=1)
-        return room
+        return np.where(seen.mask > 0.0, score, -np.inf)

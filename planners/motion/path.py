@@ -17,7 +17,8 @@ from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.prism import Solids
-from .swing import clear_swing
+from .swing import KEPT_M, clear_swing
+from .touch_down import touch_downs_m
 
 CLEARANCE_M = 0.05
 """How far feet are lifted, at least."""
@@ -87,7 +88,8 @@ class PathMoments:
 class PlanPath:
     """The path of a plan. clearance_m: how far feet are lifted. uncarried: all limbs may lift at once.
 
-    normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m]. Raises InvalidInput
+    normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m]; touch_downs_m: how
+    far beyond that it may come down until it feels, shape (P,) [m]. Raises InvalidInput
     where all limbs lift at once unless they may: nobody carries, and no position control can do that.
     """
 
@@ -107,6 +109,9 @@ class PlanPath:
         radii = self.radii_m[[self._names.index(each.limb) for each in course.footholds]]
         self.feet_m = plan.toes_m + radii[:, None] * self.normals
         self._holds = np.asarray(course.holds)
+        insets = [0.0 if patch.certainty is None else patch.certainty.inset_m for patch in patches]
+        self.touch_downs_m = touch_downs_m(plan)
+        self._kept_m = KEPT_M + self.touch_downs_m + insets  # steps may be higher, and begin earlier, than they seem
 
     def standing(self, frame: int) -> Segment:
         """All limbs where they are at a key frame."""
@@ -136,6 +141,7 @@ class PlanPath:
             swing = clear_swing(
                 (self.feet_m[old[i]], self.feet_m[new[i]]), (self.normals[old[i]], self.normals[new[i]]),
                 self._clearance_m, self._around, float(self.radii_m[i]),
+                float(self._kept_m[[old[i], new[i]]].max()),
             )  # fmt: skip
             corners[:, i] = swing.corners
         held = np.isin(np.arange(len(old)), moving, invert=True)

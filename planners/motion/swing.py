@@ -47,8 +47,9 @@ def clear_swing(
     clearance_m: float,
     solids: Solids,
     radius_m: float = FOOT_RADIUS_M,
+    kept_m: float = KEPT_M,
 ) -> Swing:
-    """The lowest swing that stays off the terrain on its path across; the clearest one where none does.
+    """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one where none does.
 
     ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m]. clearance_m: least lift.
     radius_m: of the foot.
@@ -61,8 +62,8 @@ def clear_swing(
         return np.asarray(solids.distances(paths).min(axis=(1, 2), initial=np.inf) - radius_m)
 
     gap = gaps(slice(1))
-    if gap[0] < KEPT_M:
+    if gap[0] < kept_m:
         gap = np.concatenate([gap, gaps(slice(1, None))])
-    clear = gap >= KEPT_M
+    clear = gap >= kept_m
     k = int(np.argmax(clear) if clear.any() else np.argmax(gap))
     return Swing(start=ends[0], lifted=lifted[k], lowered=lowered[k], end=ends[1])

@@ -111,11 +111,11 @@ class ChoiceSearch:
 
     def _guess(self) -> None:
         """Try the first candidates that have friction, which are the nearest, and where P1 alone has a point on them
-        those that the root likes best; then dive, unless the root is refuted."""
+        those that the root likes best; then dive, unless the root is refuted, or the limit is met."""
         guess = nearest(self._scaled)
         self._try(guess, hasty=True)
         self.guessed = self.found is not None
-        if self.found is not None or self._cuts.refuting(self._scaled.opened()) is not None:
+        if self.found is not None or self._cuts.refuting(self._scaled.opened()) is not None or self._late():
             return
         self._root = root = self._solve(self._scaled)
         if root.status is ConicStatus.INFEASIBLE:
@@ -124,7 +124,7 @@ class ChoiceSearch:
             return
         if self.tried:
             for choice in (root.rounded()[0], guess):
-                if self.found is None:
+                if self.found is None and not self._late():
                     self._try(choice)
         if self._cuts.rows:
             self._blame_stances(guess)

@@ -155,6 +155,25 @@ def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
     return planes.T, rms, sums[0]
 
 
+def block_squares(labels: Labels, cells: GroundCells, planes: Array, side: int) -> tuple[Array, Array]:
+    """How far means over blocks of each surface are off its plane: the sum of their squares times the samples of each,
+    and the number of blocks, shape (S,) each. side: of a block, in cells."""
+    i, j = np.nonzero(labels >= 0)
+    number, (one, x, y, z) = labels[i, j], (cells.moments[k, i, j] for k in (0, 1, 2, 6))
+    a, b, c = planes[number].T
+    rest = z - a * x - b * y - c * one
+    wide = labels.shape[1] // side + 2
+    _, block = np.unique((number * (labels.shape[0] // side + 2) + i // side) * wide + j // side, return_inverse=True)
+    owner = np.zeros(int(block.max(initial=-1)) + 1, dtype=np.int_)
+    owner[block] = number
+    weight = np.bincount(block, weights=one)
+    square = np.asarray(np.bincount(block, weights=rest) ** 2 / np.maximum(weight, 1.0), dtype=np.float64)
+    return (
+        np.bincount(owner, weights=square, minlength=len(planes)).astype(np.float64),
+        np.bincount(owner, minlength=len(planes)).astype(np.float64),
+    )
+
+
 def mean_square(planes: Array, moments: Array) -> Array:
     """Mean squares of samples off planes, shape (3, …), by their moments, shape (10, …) [m²]."""
     (a, b, c), (one, x, y, xx, xy, yy, z, xz, yz, zz) = planes, moments

@@ -5,24 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, fitted
+from .cells import GroundCells, Labels, block_squares, fitted, sums_of
 from .certainty import Certainty
 
-LAG_M = 0.15
-"""Residuals farther apart are taken for independent [m]."""
-CHOSEN = 0.1
-"""How far planes are off because their cells were chosen by these very heights, as a share of the noise: assumed,
-after planes of 2 cm of noise that were 2.5 mm off."""
-UNRELATED = 0.1
-"""A correlation below this ends the sum."""
+BLOCK_M = 0.08
+"""Side of the blocks by whose means a surface is held against its plane: about what a foot and its path need [m]."""
+KNOWN = 4.0
+"""The noise counts as much as so many blocks beside those of a surface."""
 LEAST_STEP_M, BLURRED = 0.01, 1.5
 """A step lower than this is no edge to a foot [m]; and the most that noise moves an edge, in samples' distances."""
-FEWEST = 30
-"""Cells of a surface whose residuals count for the correlation."""
 
 
 def certainties(labels: Labels, cells: GroundCells, noise_m: float, margin_m: float) -> list[Certainty]:
     """The certainty of each surface.
+
+    Means over blocks of a surface are off its plane by the noise of means alone where it is a plane and its noise is
+    white. What they are off beyond that, by correlated noise, bends and foreign samples, makes the plane less sure, as
+    every block counts for one, and it is how far the ground is off the plane here and there.
 
     Arguments:
         labels: the surface of each cell, −1 for none, shape (n, m).
@@ -34,61 +33,36 @@ def certainties(labels: Labels, cells: GroundCells, noise_m: float, margin_m: fl
     count = len(planes)
     if not count:
         return []
-    spacing, mean, (x, y) = cells.spacing_m, cells.heights, cells.places
+    spacing, (x, y) = cells.spacing_m, cells.places
+    i, j = np.nonzero((labels >= 0) & cells.known)
+    sums = sums_of(labels[i, j], cells.moments[:, i, j], count)
+    one = np.maximum(sums[0], 1.0)
+    middle = sums[1:3] / one
+    squares, blocks = block_squares(labels, cells, planes, max(round(BLOCK_M / spacing), 1))
+    freedom = np.maximum(blocks - 3.0, 0.0)
+    mean_square = (KNOWN * noise_m**2 + squares) / (KNOWN + freedom)
+    local = np.maximum(squares - freedom * noise_m**2, 0.0) / one
+    xx, xy, yy = spacing**2 * np.stack([
+        sums[3] - one * middle[0] ** 2, sums[4] - one * middle[0] * middle[1], sums[5] - one * middle[1] ** 2,
+    ])  # fmt: skip
     of = np.maximum(labels, 0)
-    level = planes[of, 0] * x + planes[of, 1] * y + planes[of, 2]
-    rest = np.where((labels >= 0) & cells.known, mean - level, np.nan)
-    i, j = np.nonzero(np.isfinite(rest))
-    number, r, u, v = labels[i, j], rest[i, j], x[i, j], y[i, j]
-    size = np.maximum(np.bincount(number, minlength=count), 1)
-    middle = np.stack([np.bincount(number, weights=each, minlength=count) / size for each in (u, v)])
-    du, dv = spacing * (u - middle[0, number]), spacing * (v - middle[1, number])
-    uu, uv, vv = (np.bincount(number, weights=each, minlength=count) for each in (du * du, du * dv, dv * dv))
-    variance = np.bincount(number, weights=r * r, minlength=count) / np.maximum(size - 3, 1)
-    related = _related(rest, np.where(np.append(size >= FEWEST, False)[labels], labels, -1), spacing)
-    steps = _steps(labels, level, count)
+    steps = _steps(labels, planes[of, 0] * x + planes[of, 1] * y + planes[of, 2], count)
     found = []
     for k in range(count):
-        matrix = np.array([[uu[k], uv[k]], [uv[k], vv[k]]]) + 1e-3 * spacing**2 * np.eye(2)
+        matrix = np.array([[xx[k], xy[k]], [xy[k], yy[k]]]) + 1e-3 * spacing**2 * np.eye(2)
         covariance = np.zeros((3, 3))
-        covariance[0, 0], covariance[1:, 1:] = 1.0 / size[k], np.linalg.inv(matrix)
+        covariance[0, 0], covariance[1:, 1:] = 1.0 / one[k], np.linalg.inv(matrix)
         blur = spacing * min(2.0 * (noise_m / steps[k]) ** 2, BLURRED)  # where a step begins, in noisy samples
         found.append(
             Certainty(
                 about_m=cells.corner_m[:2] + spacing * middle[:, k],
-                covariance=related * variance[k] * covariance + np.diag([(CHOSEN * noise_m) ** 2, 0.0, 0.0]),
+                covariance=mean_square[k] * covariance,
+                rough_m=float(np.sqrt(local[k])),
                 edge_sd_m=float(np.hypot(spacing / np.sqrt(12.0), blur)),
-                inset_m=margin_m + blur,
+                inset_m=margin_m + 0.5 * spacing + blur,
             )
         )
     return found
-
-
-def _related(rest: Array, labels: Labels, spacing: float) -> float:
-    """How many cells count for one, by the correlation of residuals along both axes."""
-    values = np.where(labels >= 0, rest, np.nan)
-    variance = float(np.nanmean(values**2)) if np.isfinite(values).any() else 0.0
-    if variance <= 0.0:
-        return 1.0
-    found = 1.0
-    for axis in (0, 1):
-        total = 1.0
-        for lag in range(1, max(int(LAG_M / spacing), 1) + 1):
-            if lag >= values.shape[axis]:
-                break
-            one, other = (np.take(values, range(*part), axis=axis) for part in _lagged(values.shape[axis], lag))
-            own, its = (np.take(labels, range(*part), axis=axis) for part in _lagged(values.shape[axis], lag))
-            both = (own == its) & np.isfinite(one * other)
-            share = float((one * other)[both].mean()) / variance if both.any() else 0.0
-            if share < UNRELATED:
-                break
-            total += 2.0 * share
-        found *= total
-    return found
-
-
-def _lagged(count: int, lag: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    return (0, count - lag), (lag, count)
 
 
 def _steps(labels: Labels, level: Array, count: int) -> Array:

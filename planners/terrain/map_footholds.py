@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +21,7 @@ from scipy.ndimage import find_objects, uniform_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from .cells import GroundCells, Labels, fitted, solved
 from .elevation import ElevationMap
@@ -27,7 +29,7 @@ from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import certainties
 from .mesh_footholds import standing_pieces
-from .noisy_surfaces import halves_of, noisy_surfaces
+from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
 from .patch import Patch
 from .polygon import SMALLEST_M
 
@@ -53,6 +55,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     """The footholds of a map, or of the cloud that it is of; what else there is of it is no surface."""
     cells, noise_m = _cells_of(terrain, limits)
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
+    _check_noise(terrain.name, cells, limits)
     noisy = cells.sparse or noise_m > QUIET * limits.roughness_m
     if noisy:
         labels = noisy_surfaces(cells, limits, max(noise_m, QUIET * limits.roughness_m))
@@ -83,7 +86,8 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
         a, b, c = planes[number]
         middle = cells.corner_m + np.array([0.0, 0.0, c])
         plane = Plane.through(middle, normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0]))
-        outline = _outline(labels[where] == number, (where[0].start, where[1].start), spacing, plane)
+        corner = (where[0].start, where[1].start)
+        outline = _outline(labels[where] == number, corner, spacing, plane)
         own = terrain.samples if terrain.samples is not None and not cells.sparse else cells.moments[0]
         samples = int(own[where][labels[where] == number].sum())
         facet = FlatPiece(
@@ -93,13 +97,30 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
             rms_m=float(rms[number]),
             certainty=sure[number],
         )
-        pieces += standing_pieces(facet, outline, number, limits, friction, refused)
+        margin_m = None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing  # kept by the outline
+        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m)
+        if facet.certainty is not None:  # bodies keep out of all that it may be
+            wider = facet.certainty.inset_m - limits.margin_m
+            outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
+            facet = replace(facet, polygon=outer)
         surfaces += [plane.patch(piece, friction) for piece in facet.pieces(SMALLEST_M)]
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
         name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
         surfaces=tuple(surfaces), limits=limits, noise_m=noise_m,
     )  # fmt: skip
+
+
+def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
+    """Raise InvalidInput for noise with which no square that may be looked at has a plane that feet can use."""
+    dense = max(float(np.mean(cells.moments[0][cells.known])), 1.0)
+    side = max(LARGEST_M, 3.0 * cells.spacing_m)
+    most = COARSE_SD_M * np.sqrt(dense) * side / cells.spacing_m
+    if limits.noise_m is not None and limits.noise_m > most:
+        raise InvalidInput(
+            f"{name}: noise_m: expected {most:.2g} m or less, with which a plane over {100.0 * side:.0f} cm of samples "
+            f"is known within {1e3 * COARSE_SD_M:g} mm, got {limits.noise_m:g} m"
+        )
 
 
 def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray[np.bool_]:
@@ -127,9 +148,11 @@ def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCell
     return GroundCells.of_points(terrain.points_m, spacing, noise_m), noise_m
 
 
-def _outline(mask: NDArray[np.bool_], corner: tuple[int, int], spacing: float, plane: Plane) -> Any:
+def _outline(
+    mask: NDArray[np.bool_], corner: tuple[int, int], spacing: float, plane: Plane, wider: float | None = None
+) -> Any:
     """The cells of a mask as polygons in a plane: what is half a cell inside of the line half way to foreign cells,
-    which is straightened by as much."""
+    which is straightened by as much; or what is so many cells outside of it. wider: in cells."""
     shapely = shapely_module()
     lines = contour_generator(z=np.pad(mask, 1).T.astype(np.float64), fill_type="OuterOffset").filled(0.5, 1.5)
     rings = [
@@ -137,14 +160,17 @@ def _outline(mask: NDArray[np.bool_], corner: tuple[int, int], spacing: float, p
         for points, offsets in zip(*lines, strict=True)
     ]
     polygons = [shapely.Polygon(outer, holes) for outer, *holes in rings]
-    inner = [_inner(polygon) for polygon in polygons]
+    if wider is None:
+        found = [_inner(polygon) for polygon in polygons]
+    else:
+        found = [polygon.buffer(wider, join_style="mitre").simplify(0.5 * wider) for polygon in polygons]
     slopes = -plane.normal[:2] / plane.normal[2]
 
     def on_plane(cells: Array) -> Array:
         xy = spacing * cells
         return plane.flat(plane.origin_m + np.column_stack([xy, xy @ slopes]))
 
-    return shapely.transform(shapely.union_all(inner), on_plane)
+    return shapely.transform(shapely.union_all(found), on_plane)
 
 
 def _inner(polygon: Any) -> Any:

@@ -79,10 +79,19 @@ def _one_sided(facets: list[FlatPiece], free: dict[int, FlatPiece]) -> list[Flat
 
 
 def standing_pieces(
-    facet: FlatPiece, free: Any, surface: int, limits: FootholdLimits, friction: float, refused: dict[str, float]
+    facet: FlatPiece,
+    free: Any,
+    surface: int,
+    limits: FootholdLimits,
+    friction: float,
+    refused: dict[str, float],
+    margin_m: float | None = None,
 ) -> list[TerrainPatch]:
-    """The convex pieces of what is free of a facet, the margin away from its border; refused gets what is lost."""
-    margin_m = limits.margin_m if facet.certainty is None else facet.certainty.inset_m
+    """The convex pieces of what is free of a facet, the margin away from its border; refused gets what is lost.
+
+    margin_m: another margin than that of the limits [m].
+    """
+    margin_m = limits.margin_m if margin_m is None else margin_m
     inner = free.buffer(-margin_m, join_style="mitre") if margin_m > 0.0 else free
     kept = replace(facet, polygon=inner).pieces(max(limits.width_m, SMALLEST_M))
     found = [

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, about, boxed, fitted, mean_square, solved, sums_of
+from .cells import GroundCells, Labels, about, block_squares, boxed, fitted, mean_square, solved, sums_of
 from .footholds import FootholdLimits
 
 FINE_SD_M = 0.0035
@@ -44,6 +44,9 @@ FARTHEST = 3.0
 AGREEMENT, SWEEPS = 1.5, 4
 """What a neighbour of the same surface counts for, as a difference of squares in variances of the noise, and how often
 borders are looked at."""
+JUDGED_M, CHOSEN = 0.1, 6.0
+"""Side of the blocks by which surfaces are joined at last [m], and how many deviations those of the smaller one may be
+off, whose cells were chosen by their heights."""
 ROUNDS, LLOYD, JOINED = 12, 4, 16
 TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
 """Cells farther than this off a surface that is no plane are taken from it, in its largest rms, round by round."""
@@ -73,6 +76,7 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
     labels = _joined(renumbered(labels), cells, limits, noise_m, coarse)
     labels = _large_enough(_bordered(labels, cells, limits, noise_m), cells)
     labels = _parted(_trimmed(renumbered(labels), cells, limits, noise_m), cells, limits, noise_m, coarse)
+    labels = _bordered(_rejoined(labels, cells, noise_m), cells, limits, noise_m)
     return renumbered(_large_enough(_closed(labels, cells, noise_m), cells))
 
 
@@ -193,22 +197,8 @@ def _misfits(
     labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
 ) -> tuple[NDArray[np.bool_], Array]:
     """Which surfaces are no planes, by means over blocks of this side in cells."""
-    i, j = np.nonzero(labels >= 0)
-    number = labels[i, j]
-    size = int(labels.max(initial=-1)) + 1
     planes, rms, count = fitted(labels, cells)
-    one, x, y, z = (cells.moments[k, i, j] for k in (0, 1, 2, 6))
-    a, b, c = planes[number].T
-    rest = z - a * x - b * y - c * one
-    squares, blocks = np.zeros(size), np.zeros(size)
-    wide = labels.shape[1] // side + 2
-    _, block = np.unique((number * (labels.shape[0] // side + 2) + i // side) * wide + j // side, return_inverse=True)
-    owner = np.zeros(int(block.max(initial=-1)) + 1, dtype=np.int_)
-    owner[block] = number
-    weight = np.bincount(block, weights=one)
-    mean = np.bincount(block, weights=rest) ** 2 / np.maximum(weight, 1.0)
-    squares += np.bincount(owner, weights=mean, minlength=size)
-    blocks += np.bincount(owner, minlength=size)
+    squares, blocks = block_squares(labels, cells, planes, side)
     freedom = np.maximum(blocks - 3.0, 0.0)
     allowed = limits.roughness_m**2 * count + noise_m**2 * (freedom + 3.0 * np.sqrt(2.0 * freedom) + 3.0)
     bent = (squares > allowed) & (blocks > 3)
@@ -272,15 +262,20 @@ def _apart(key: Labels) -> Labels:
     return renumbered(np.where(key >= 0, _components(one, other, key.shape), -1))
 
 
+def _touching(labels: Labels) -> Labels:
+    """Pairs of surfaces that touch, shape (2, K)."""
+    touching = [
+        np.stack([one[differ], other[differ]])
+        for one, other in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1]))
+        for differ in [(one != other) & (one >= 0) & (other >= 0)]
+    ]
+    return np.unique(np.sort(np.concatenate(touching, axis=1), axis=0), axis=1)
+
+
 def _joined(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
     """Neighbouring surfaces made one while one plane fits both as well as two, the most alike first."""
     for _ in range(JOINED):
-        touching = [
-            np.stack([one[differ], other[differ]])
-            for one, other in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1]))
-            for differ in [(one != other) & (one >= 0) & (other >= 0)]
-        ]
-        pairs = np.unique(np.sort(np.concatenate(touching, axis=1), axis=0), axis=1)
+        pairs = _touching(labels)
         if not pairs.size:
             break
         i, j = np.nonzero(labels >= 0)
@@ -302,6 +297,54 @@ def _joined(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m:
         if not mutual.any():
             break
         target = np.arange(len(squares))
+        target[pairs[1][mutual]] = pairs[0][mutual]
+        labels = renumbered(np.where(labels >= 0, target[np.maximum(labels, 0)], -1))
+    return labels
+
+
+def _excess(parts: Array, block: Labels, sums: Array, rows: list[Labels], pair: list[int], noise_m: float) -> float:
+    """By how much means over blocks are off one plane of two surfaces beyond what noise may do, below 0 where they are
+    not; the larger of that of both and that of the smaller one alone, in its deviations."""
+    one, other = pair
+    a, b, c = solved(sums[:, one] + sums[:, other])[0]
+    its = np.concatenate([rows[one], rows[other]])
+    n, x, y, z = (parts[k, its] for k in (0, 1, 2, 6))
+    rest = z - a * x - b * y - c * n
+    places, at = np.unique(block[its], return_inverse=True)
+    together = np.bincount(at, weights=rest) ** 2 / np.bincount(at, weights=n)
+    small = slice(0, len(rows[one])) if sums[0, one] < sums[0, other] else slice(len(rows[one]), None)
+    alone = rest[small] ** 2 / n[small]
+    found = []
+    for squares, freedom, times in ((together, len(places) - 3.0, 3.0), (alone, float(len(alone)), CHOSEN)):
+        freedom = max(freedom, 1.0)
+        found.append(float((squares.sum() / noise_m**2 - freedom) / np.sqrt(2.0 * freedom) - times))
+    return max(found)
+
+
+def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
+    """Neighbouring surfaces made one while means over blocks are off one plane of both by no more than their noise, all
+    together and those of the smaller one alone: noise parts a wide surface here and there, and each part is biased."""
+    side = max(round(JUDGED_M / cells.spacing_m), 1)
+    wide = labels.shape[1] // side + 2
+    for _ in range(JOINED):
+        pairs = _touching(labels)
+        if not pairs.size:
+            break
+        i, j = np.nonzero(labels >= 0)
+        number, moments = labels[i, j], cells.moments[:, i, j]
+        count = int(number.max()) + 1
+        keys, of = np.unique((i // side * wide + j // side) * count + number, return_inverse=True)
+        parts, (block, owner) = sums_of(of, moments, len(keys)), np.divmod(keys, count)
+        sums = sums_of(owner, parts, count)
+        rows = [np.flatnonzero(owner == k) for k in range(count)]
+        excess = np.array([_excess(parts, block, sums, rows, pair, noise_m) for pair in pairs.T.tolist()])
+        least = np.full(count, np.inf)
+        for row in pairs:
+            np.minimum.at(least, row, excess)
+        mutual = (excess <= 0.0) & (excess <= least[pairs[0]]) & (excess <= least[pairs[1]])
+        if not mutual.any():
+            break
+        target = np.arange(count)
         target[pairs[1][mutual]] = pairs[0][mutual]
         labels = renumbered(np.where(labels >= 0, target[np.maximum(labels, 0)], -1))
     return labels

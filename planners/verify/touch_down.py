@@ -1,8 +1,8 @@
 """Whether toes find their footholds on a ground that is known from noisy heights.
 
 Grounds are drawn from the certainty of the patches that toes stand on: each surface's plane by its covariance, one
-draw for all of its toes, and its edge at each toe by its deviation. A foot comes down until it feels, at most three
-standard deviations of the plane's height from where it is planned, and no more than two centimetres.
+draw for all of its toes, the ground off it at each toe by its roughness, and its edge at each toe by its deviation. A
+foot comes down until it feels, as far beyond its place as ``motion.touch_down`` says.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ import numpy as np
 from ..answer.plan import Plan
 from ..answer.report import Group
 from ..files.arrays import Array
+from ..motion.touch_down import touch_downs_m
 from ..terrain.certainty import Certainty
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 
 DRAWS = 200
-SIGMAS, TOUCH_DOWN_M = 3.0, 0.02
-"""How far beyond its place a foot comes down: in deviations of the plane's height, and at most [m]."""
 SHARE = 0.95
 """Of the grounds drawn, those on which every toe has to find its foothold."""
 SEED = 46
@@ -32,6 +31,7 @@ def ground_group(plan: Plan) -> Group | None:
     sure = [(p, patch.certainty) for p, patch in enumerate(patches) if patch.certainty is not None]
     if not sure:
         return None
+    depths_m = touch_downs_m(plan)
     draws = np.random.default_rng(SEED)
     planes = dict[tuple[bytes, bytes], Array]()
     missed, deviations = np.zeros((len(sure), DRAWS), dtype=bool), np.zeros(len(sure))
@@ -40,11 +40,12 @@ def ground_group(plan: Plan) -> Group | None:
         if key not in planes:
             planes[key] = draws.standard_normal((DRAWS, 3)) @ _root(certainty).T
         place, upward = plan.toes_m[p, :2], patches[p].normal[2]
-        off = upward * np.abs(planes[key] @ certainty.levers(place))
+        local = certainty.rough_m * draws.standard_normal(DRAWS)
+        off = upward * np.abs(planes[key] @ certainty.levers(place) + local)
         deviations[row] = upward * float(certainty.height_sd_m(place))
         from_edge = certainty.inset_m + _from_border(patches[p], plan.toes_m[p])
         beyond = certainty.edge_sd_m * draws.standard_normal(DRAWS) > from_edge
-        missed[row] = (off > min(SIGMAS * deviations[row], TOUCH_DOWN_M)) | beyond
+        missed[row] = (off > depths_m[p]) | beyond
     share, worst = float(missed.any(axis=0).mean()), int(missed.sum(axis=1).argmax())
     put = course.footholds[sure[worst][0]]
     text = f"{put.limb} at frame {put.frame}: every toe finds its foothold on {1.0 - share:.1%} of the grounds drawn"
@@ -61,7 +62,7 @@ def ground_group(plan: Plan) -> Group | None:
             "found_share": 1.0 - share,
             "grounds": DRAWS,
             "height_sd_m": float(deviations.max()),
-            "touch_down_m": float(min(SIGMAS * deviations.max(), TOUCH_DOWN_M)),
+            "touch_down_m": float(depths_m.max()),
         },
     )
 

@@ -7,7 +7,7 @@ differences, cones and depths at the true surface, whose normals it takes from h
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -25,7 +25,8 @@ from .trajectory_whole_body import nothing, whole_body
 
 TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
-__all__ = ["GROUPS", "WalkLimits", "check_trajectory"]
+OVERFLOW = "the numbers overflow"
+__all__ = ["GROUPS", "WalkLimits", "check_trajectory", "with_body"]
 
 
 def check_trajectory(
@@ -42,7 +43,7 @@ def check_trajectory(
         measured = TrajectoryMeasurements(trajectory)
         groups = _measured(measured, limits, body=body)
         if not all(math.isfinite(group.value) for group in groups):
-            return _refused(trajectory, limits, "the numbers overflow")
+            return _refused(trajectory, limits, OVERFLOW)
         return Report(
             groups=groups,
             answer=trajectory,
@@ -52,13 +53,33 @@ def check_trajectory(
         )
 
 
+def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> Report[Trajectory]:
+    """The report of ``check_trajectory`` with the robot's own body, from one without: the other groups stay.
+
+    report: with ``body=False``, for the same limits.
+    """
+    if report.defect:
+        return report
+    with np.errstate(all="ignore"):
+        own = {group.name: group for group in _groups(*whole_body(TrajectoryMeasurements(report.answer), limits))}
+    if not all(math.isfinite(group.value) for group in own.values()):
+        return _refused(report.answer, limits, OVERFLOW)
+    return replace(report, groups=tuple(own.get(group.name, group) for group in report.groups))
+
+
 def _measured(measured: TrajectoryMeasurements, limits: WalkLimits, *, body: bool) -> tuple[Group, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
     own, unasked = whole_body(measured, limits) if body else nothing("not asked for")
     rows = _balances(measured, limits) | _contacts(measured, limits) | _whole(measured, limits) | own
-    unasked |= _unasked(measured.trajectory)
+    return _groups(rows, unasked | _unasked(measured.trajectory))
+
+
+def _groups(rows: Rows, unasked: dict[str, str]) -> tuple[Group, ...]:
+    """The worst of every group that was measured, in the order of ``GROUPS``; unasked: why some are not checked."""
     found = []
     for group, unit in GROUPS.items():
+        if group not in rows:
+            continue
         series, limit, *rms = rows[group]
         worst, where, time_s = series.worst()
         value, reason = rms[0] if rms else worst, unasked.get(group, "")

@@ -279,7 +279,8 @@ class TrajectoryMeasurements:
 
 def _began(contact: Flags) -> Flags:
     """Where feet come down, or stand at the first sample, shape (K, E)."""
-    return np.asarray(contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]]), dtype=bool)
+    before = np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]])
+    return np.asarray(contact & ~before)
 
 
 def _split(forces: Array, normals: Array) -> tuple[Array, Array]:

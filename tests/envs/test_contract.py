@@ -23,6 +23,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "stancekit/EnvelopeSelection-v0": {"problem": "ground-3", "weights": {"agreement": 2.0}},
     "stancekit/EnvelopeRefinement-v0": {"problem": "ground-3", "budget": 30},
     "stancekit/Traverse-v0": {"courses": ["stairs"], "frames": 4, "horizon": 1},
+    "stancekit/LeapChoice-v0": {"problem": "leap-few"},
     "stancekit/WarpedGait-v0": {"terrain": "ripple", "charts": ["decoupled"], "settings": {"max_iterations": 2}},
 }
 FILE = '''

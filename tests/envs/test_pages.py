@@ -8,17 +8,19 @@ import gymnasium
 import pytest
 
 import stancekit.envs
-from stancekit.envs import refinement, selection, selection_task, traverse, warped_gait
+from stancekit.envs import leap_choice, refinement, selection, selection_task, traverse, warped_gait
 
 SECTIONS = ("Description", "Observation Space", "Action Space", "Reward", "Starting State", "Episode End", "Info",
             "Arguments", "Version History")  # fmt: skip
 SIZES = {"N": 3, "E": 4}
+OF_LEAPS = {"P": 8, "R": 8, "M": 9}
 OF_TRAVERSE = {"H": 2, "N": 6, "R": 1, "U": 4}
 SETTINGS = {
     selection.EnvelopeSelectionEnv: selection_task.SelectionSettings,
     refinement.EnvelopeRefinementEnv: refinement.RefinementSettings,
     traverse.TraverseEnv: traverse.TraverseSettings,
     warped_gait.WarpedGaitEnv: warped_gait.GaitEnvSettings,
+    leap_choice.LeapChoiceEnv: leap_choice.LeapChoiceSettings,
 }
 IDS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/"))
 
@@ -58,11 +60,11 @@ def test_the_arguments_are_the_real_ones_with_their_defaults(name, kind):
 @pytest.mark.parametrize(("name", "kind"), pages())
 def test_the_observation_is_the_real_one(name, kind):
     env = gymnasium.make(name).unwrapped
-    sizes = OF_TRAVERSE if kind is traverse.TraverseEnv else SIZES
+    sizes = {traverse.TraverseEnv: OF_TRAVERSE, leap_choice.LeapChoiceEnv: OF_LEAPS}.get(kind, SIZES)
     message = {key: eval(shape, dict(sizes)) for key, shape in table(inspect.getdoc(kind), "Observation Space")}
     assert message == {key: box.shape for key, box in env.observation_space.spaces.items()}
 
 
 def test_all_environments_were_looked_at():
     assert stancekit.envs is not None
-    assert len(IDS) == 4
+    assert len(IDS) == 5

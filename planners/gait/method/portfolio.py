@@ -21,7 +21,7 @@ from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked, checked_int
 from ...problem.walk import Walk
-from ...verify.trajectories import check_trajectory
+from ...verify.trajectories import check_trajectory, with_body
 from ..constraints.footing import steepest
 from ..forbidden import forbidden
 from ..gait_program import GaitSolution
@@ -286,7 +286,7 @@ class PortfolioRun:
             if one.solution.success:
                 best = _better(best, (one.solution, one.report))
                 note(best[0].x)
-        return self._dense(_verified(best[0], body=True), body=True)
+        return self._dense((best[0], with_body(best[1])), body=True)
 
     def _dense(self, best: _Verified, *, body: bool) -> _Verified:
         """Rows where the verifier finds fault, until it finds none or the cap is reached."""

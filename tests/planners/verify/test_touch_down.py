@@ -38,7 +38,7 @@ def test_a_plan_over_a_noisy_map_has_the_group_and_its_file_keeps_it(answer, tmp
     assert again.group("ground").figures == group.figures
 
 
-@pytest.mark.parametrize(("sd_m", "holds"), [(0.001, True), (0.006, True), (0.02, False)])
+@pytest.mark.parametrize(("sd_m", "holds"), [(0.001, True), (0.005, True), (0.02, False)])
 def test_a_ground_that_is_not_known_to_the_touch_down_is_refused(answer, sd_m, holds):
     sure = Certainty(about_m=[0.0, 0.0], covariance=np.diag([sd_m**2, 0.0, 0.0]), inset_m=0.02)
     group = ground_group(with_certainty(answer.solution, sure))

@@ -601,7 +601,7 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
     allowed = {
         "errors.py", "cached.py", "physics.py", "files/arrays.py", "files/archive.py", "files/comparison.py",
         "files/codec.py", "files/documents.py", "files/validation.py",
-        "answer/trajectory.py", "robot/leg_sources.py", "robot/model.py", "robot/model_json.py", "robot/reach.py",
+        "answer/trajectory.py", "robot/leg_sources.py", "robot/limb.py", "robot/model.py", "robot/model_json.py", "robot/reach.py",
         "robot/servo.py", "robot/single_body.py", "robot/urdf_reader.py", "terrain/bspline.py", "terrain/certainty.py",
         "terrain/heightfield.py", "terrain/patch.py", "terrain/polygon.py", "terrain/prism.py", "terrain/sole.py",
         "verify/trajectories.py", "verify/trajectory_defects.py", "verify/trajectory_limits.py",
@@ -610,9 +610,9 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
     }  # fmt: skip
     todo, seen = ["verify/trajectories.py"], set()
     carried = {
-        "robot/contact_robot.py", "robot/contacts.py", "robot/hulls.py", "robot/leg.py", "robot/legged.py",
-        "robot/robot_model.py", "robot/shapes.py", "robot/urdf.py", "robot/walker.py",
-        "answer/hindrance.py", "answer/report.py", "verify/trajectory_whole_body.py",
+        "robot/contacts.py", "robot/drawn_legs.py", "robot/drawn_model.py", "robot/hulls.py", "robot/leg.py",
+        "robot/reach_sets.py", "robot/robot_model.py", "robot/shapes.py", "robot/walker.py",
+        "answer/hindrance.py", "answer/html.py", "answer/report.py", "verify/trajectory_whole_body.py",
     }  # fmt: skip
     while todo:
         name = todo.pop()

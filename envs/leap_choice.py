@@ -1,0 +1,320 @@
+"""``stancekit/LeapChoice-v0``: choose where the toes of a leap push off and land, in a few tries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from stancekit.planners.arguments import settings_from
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array, checked_int
+from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
+from stancekit.planners.leap.numbers import LeapNumbers, LeapPoint
+from stancekit.planners.leap.scp import attempt, plan_from, plan_of
+from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.leap_classes import leap_class
+from stancekit.planners.verify.leaps import check_leap
+
+from .episodes import check_options, checked_render_mode, checked_seed
+
+Observation = dict[str, NDArray[np.float32]]
+ROOM = 10.0
+"""Bound on the numbers of an observation."""
+PARTS = ("train", "test", "all")
+INFO: Mapping[str, int | float] = {
+    "is_success": 0, "tries": 0, "solves": 0, "masked": 0, "repeated": 0, "refuted": 0, "cost": 0.0,
+}  # fmt: skip
+"""``info`` before anything was tried."""
+
+
+class LeapChoiceOptions(TypedDict, total=False):
+    """Keywords of ``LeapChoiceEnv``; its page has their meaning."""
+
+    problem: str
+    scenes: str | Path | None
+    tries: int
+    solves: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeapChoiceSettings:
+    """``LeapChoiceOptions`` with their defaults. Raises InvalidInput."""
+
+    problem: str = "leap-hard"
+    scenes: str | Path | None = None
+    tries: int = 6
+    solves: int = 12
+
+    def __post_init__(self) -> None:
+        leap_class(self.problem)
+        checked_int(self.tries, "tries", least=1)
+        checked_int(self.solves, "solves", least=1)
+
+    def source(self) -> list[Leap] | None:
+        """The scenes of a folder's part, None where they are drawn. Raises InvalidInput."""
+        if self.scenes is None:
+            return None
+        from .data.leap_tries import LeapTries  # Arrow takes a while to load
+
+        folder, _, part = str(self.scenes).rpartition(":")
+        if not folder or part not in PARTS:
+            folder, part = str(self.scenes), "train"
+        tries = LeapTries.open(folder)
+        if tries.problem_class != self.problem:
+            raise InvalidInput(f"scenes: expected tries of {self.problem}, got {tries.problem_class} in {folder}")
+        found = [leap for leap, own in zip(tries.leaps(), tries.parts(), strict=True) if part in ("all", own)]
+        if not found:
+            raise InvalidInput(f"scenes: expected scenes in the part {part}, got none in {folder}")
+        return found
+
+
+class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
+    """Choose where the toes of a leap push off and land; a convex program and the verifier judge the choice.
+
+    ## Description
+
+    One leap per episode: a body stands, flies and stands again, and each of its P toes has R candidate patches at
+    most. The agent picks one candidate per toe. The choice is tried by a sequence of convex programs, which gives up
+    after the first where that nearly decides; a solved choice goes through the verifier. A leap with several timings is
+    tried with each of them in turn.
+
+    ## Observation Space
+
+    A ``Dict`` of flat float32 ``Box``es, in SI units, clipped to ± 10; P footholds, R candidates, M intervals:
+
+    | name | shape | meaning |
+    |---|---|---|
+    | candidates | (22 * P * R,) | features of each candidate, ``planners.leap.features.OF_CANDIDATE``; 0 without one |
+    | mask | (P * R,) | 1 where there is a candidate |
+    | leap | (10,) | features of the leap and its timing, ``planners.leap.features.OF_LEAP`` |
+    | last | (P * R,) | 1 at the candidates of the last try |
+    | residual | (2 * M,) | per interval, what momentum and rotation of the last try lack, as log10(1 + 1000 x) |
+    | left | (2,) | shares of tries and of solves that are left |
+
+    ## Action Space
+
+    ``MultiDiscrete`` with P numbers below R: a candidate per foothold. ``action_masks()`` says which there are, shape
+    (P * R,), as MaskablePPO asks for it.
+
+    ## Reward
+
+    −(convex problems solved in the step) / ``solves``, and +1 with a leap that the verifier accepts. A choice without
+    a candidate, or one that was tried before, is a failed try and costs 1 / ``solves``.
+
+    ## Starting State
+
+    A scene of the class ``problem``, drawn with the environment's generator, or one of ``scenes``. Scenes that have no
+    leap are among them: nobody knows which.
+
+    ## Episode End
+
+    Terminated when the verifier accepts a leap. Truncated when ``tries`` choices or ``solves`` convex problems are
+    spent.
+
+    ## Info
+
+    After a reset and a step (numeric, fixed shapes): ``is_success``, ``tries`` and ``solves`` so far, whether the last
+    choice was ``masked`` (no such candidate), ``repeated``, or ``refuted`` (its hard rows have no answer), and its
+    ``cost`` (what is left of its rows; −1 where the first step has no answer).
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | problem | 'leap-hard' | a class of leaps, of ``configs/leaps.yaml`` |
+    | scenes | None | folder of labelled tries, whose part "train" is drawn from; FOLDER:test and FOLDER:all likewise |
+    | tries | 6 | choices per episode |
+    | solves | 12 | convex problems per episode |
+    | render_mode | None | "rgb_array" |
+
+    ## Version History
+
+    - v0: the first version
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
+
+    def __init__(self, *, render_mode: str | None = None, **options: Unpack[LeapChoiceOptions]) -> None:
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        self._settings = settings_from(LeapChoiceSettings, options, beside=("render_mode",))
+        self._class = leap_class(self._settings.problem)
+        self._scenes = self._settings.source()
+        self._programs = Programs()
+        self._episode: _Episode | None = None
+        like = _Episode(self._class.draw(np.random.default_rng(0)), self._settings, self._programs)
+        self._shape = like.shape
+        self.observation_space: spaces.Space[Any] = _space(like)
+        self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(np.full(like.shape[0], like.shape[1]))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Draw a scene."""
+        check_options(options)
+        super().reset(seed=checked_seed(seed))
+        if self._scenes is None:
+            leap = self._class.draw(self.np_random)
+        else:
+            leap = self._scenes[int(self.np_random.integers(len(self._scenes)))]
+        self._episode = _Episode(leap, self._settings, self._programs)
+        return self._episode.observe(), self._episode.info()
+
+    def step(self, action: NDArray[np.int64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Try a candidate per foothold."""
+        episode = self._episode
+        if episode is None:
+            raise gym.error.ResetNeeded("reset the environment before the first step")
+        if episode.over:
+            raise gym.error.ResetNeeded("the episode is over: reset the environment")
+        choice = np.asarray(action)
+        if choice.dtype.kind not in "iu" or not self.action_space.contains(choice.astype(np.int64)):
+            feet, options = self._shape
+            raise InvalidInput(f"action: expected {feet} whole numbers, 0 to {options - 1}, got {action!r}")
+        before = episode.solves
+        episode.attempt(choice.astype(np.int64))
+        spent = max(episode.solves - before, 1)
+        reward = float(episode.solved) - spent / self._settings.solves
+        return episode.observe(), reward, episode.solved, episode.over and not episode.solved, episode.info()
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which candidates there are, shape (P * R,), foothold by foothold."""
+        if self._episode is None:
+            raise gym.error.ResetNeeded("reset the environment before asking for its masks")
+        mask: NDArray[np.bool_] = self._episode.seen.mask.ravel() > 0.0
+        return mask
+
+    @property
+    def numbers(self) -> LeapNumbers:
+        """The leap with the timing of the next try, for policies that look at more than the observation."""
+        if self._episode is None:
+            raise gym.error.ResetNeeded("reset the environment before asking for its leap")
+        return self._episode.numbers
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the leap of the last try, or where the toes may go before there is one."""
+        if self._episode is None:
+            raise gym.error.ResetNeeded("reset the environment before rendering")
+        from stancekit.views.leaps import draw_leap
+        from stancekit.views.sheet import to_rgb
+
+        return to_rgb(draw_leap(self._episode.drawn()))
+
+
+class _Episode:
+    """One leap, and what was tried of it."""
+
+    def __init__(self, leap: Leap, settings: LeapChoiceSettings, programs: Programs) -> None:
+        self._settings, self._programs = settings, programs
+        self._timings = [LeapNumbers.of(leap, k) for k in range(len(leap.timings_s))]
+        self._features = [LeapFeatures.of(each) for each in self._timings]
+        self._tried: set[tuple[int, ...]] = set()
+        self._last: tuple[LeapNumbers, LeapPoint] | None = None
+        self._choice: NDArray[np.int64] | None = None
+        self._note: dict[str, int | float] = dict(INFO)
+        self.tries = self.solves = 0
+        self.solved = False
+
+    @property
+    def _turn(self) -> int:
+        return self.tries % len(self._timings)
+
+    @property
+    def numbers(self) -> LeapNumbers:
+        """The leap with the timing whose turn it is."""
+        return self._timings[self._turn]
+
+    @property
+    def seen(self) -> LeapFeatures:
+        """Its features."""
+        return self._features[self._turn]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """P and R."""
+        feet, options = self.seen.mask.shape
+        return feet, options
+
+    @property
+    def over(self) -> bool:
+        """Whether there is a leap, or nothing left to try with."""
+        spent = self.tries >= self._settings.tries or self.solves >= self._settings.solves
+        return self.solved or spent
+
+    def attempt(self, choice: NDArray[np.int64]) -> None:
+        """Try a choice."""
+        numbers, mask, turn = self.numbers, self.seen.mask, self._turn
+        masked = bool((mask[np.arange(len(choice)), choice] == 0.0).any())
+        repeated = (turn, *choice.tolist()) in self._tried
+        self._tried.add((turn, *choice.tolist()))
+        self.tries += 1
+        self._choice, self._last = choice, None
+        found = None
+        if masked or repeated:
+            self.solves += 1
+        else:
+            found = attempt(self._programs, numbers, choice)
+            self._last = None if found.point is None else (numbers, found.point)
+            self.solves += found.solves
+            within = self.solves <= self._settings.solves
+            self.solved = within and found.solved and check_leap(plan_of(numbers, found, "choice")).accepted
+        cost = -1.0 if found is None or not math.isfinite(found.cost) else found.cost
+        refuted = found is not None and found.refuted
+        self._note = {"masked": int(masked), "repeated": int(repeated), "refuted": int(refuted), "cost": float(cost)}
+
+    def observe(self) -> Observation:
+        """What the agent sees."""
+        seen, mask = self.seen, self.seen.mask
+        last = np.zeros(mask.shape)
+        if self._choice is not None:
+            last[np.arange(len(last)), self._choice] = 1.0
+        left = (1.0 - self.tries / self._settings.tries, 1.0 - self.solves / self._settings.solves)
+        parts = {"candidates": seen.candidates, "mask": mask, "leap": seen.leap, "last": last,
+                 "residual": self._residual(), "left": np.maximum(left, 0.0)}  # fmt: skip
+        return {name: np.clip(each, -ROOM, ROOM).astype(np.float32).ravel() for name, each in parts.items()}
+
+    def _residual(self) -> Array:
+        """Per interval, how far L and Θ of the last try are from what its forces give, shape (2, M)."""
+        if self._last is None:
+            return np.zeros((2, self.numbers.intervals))
+        numbers, point = self._last
+        change, turned = numbers.turned(point)
+        off = np.diff(point.momentum, axis=0) - change, np.diff(point.rotation[::2], axis=0) - turned
+        return np.array([np.log10(1.0 + 1e3 * np.linalg.norm(each, axis=1)) for each in off])
+
+    def info(self) -> dict[str, Any]:
+        """Numbers of fixed shape."""
+        own = {"is_success": int(self.solved), "tries": self.tries, "solves": self.solves}
+        return {**INFO, **self._note, **own}
+
+    def drawn(self) -> Any:
+        """The plan of the last try, or the first candidates with the nominal motion."""
+        if self._last is not None and self._choice is not None:
+            (numbers, point), choice = self._last, self._choice
+            toes = point.toes
+        else:
+            numbers, choice = self.numbers, np.zeros(self.shape[0], dtype=np.int64)
+            point = numbers.nominal
+            toes = np.array([piece.mean(axis=0) for piece in numbers.scaled.chosen(choice).pieces])
+        forces = np.zeros((numbers.intervals, len(numbers.leap.robot.limbs), 3))
+        forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * numbers.leap.weight_n
+        return plan_from(numbers, choice, toes, forces, "choice")
+
+
+def _space(like: _Episode) -> spaces.Dict:
+    feet, options = like.shape
+    sizes = {"candidates": len(OF_CANDIDATE) * feet * options, "leap": len(OF_LEAP)}
+    found = {name: spaces.Box(-ROOM, ROOM, (size,), np.float32) for name, size in sizes.items()}
+    ones = {"mask": feet * options, "last": feet * options, "left": 2}
+    found |= {name: spaces.Box(0.0, 1.0, (size,), np.float32) for name, size in ones.items()}
+    found["residual"] = spaces.Box(0.0, ROOM, (2 * like.numbers.intervals,), np.float32)
+    order = ("candidates", "mask", "leap", "last", "residual", "left")
+    return spaces.Dict({name: found[name] for name in order})

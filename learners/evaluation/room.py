@@ -1,0 +1,110 @@
+"""Room for learning: how much the best unlearned control leaves of what any method finds, at a stated budget.
+
+Room is oracle − control, in points. The oracle is the union of all methods at a larger budget; a second run of the
+methods that draw, with another seed, says how much of it is luck. All scenes are in every denominator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .leap_bench import AGAIN, FINDERS, METHODS, PROOF, share
+
+Share = tuple[float, float, float]
+UNLEARNED = (*METHODS, *(name for name, _ in AGAIN.values()))
+DRAWS = 10_000
+"""Resamples of a paired interval."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Room:
+    """One environment at one budget; shares of all scenes, with the ends of their 95 % intervals.
+
+    control: the best unlearned method within the budget, whose name is ``controlled_by``; random: choices at random;
+    learned: the best learned method, None without one; gain: learned − control in points, paired over the scenes;
+    oracle: the union of all methods at ``oracle_budget``; again: the same with other seeds. room: oracle − control,
+    in points.
+    """
+
+    environment: str
+    budget: str
+    oracle_budget: str
+    scenes: int
+    random: Share | None
+    control: Share
+    controlled_by: str
+    learned: Share | None
+    learned_by: str
+    gain: Share | None
+    oracle: Share
+    again: Share | None
+    room: float
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready values."""
+        return vars(self)
+
+
+def leap_room(
+    rows: Sequence[Mapping[str, Any]],
+    distribution: str,
+    most: int,
+    *,
+    tries: int | None = None,
+    solves: int | None = None,
+) -> Room:
+    """The room of LeapChoice-v0 at a budget of tries or of solves, from rows of ``bench leaps`` with ``most``
+    solves per scene."""
+    found: dict[str, dict[int, Mapping[str, Any]]] = {}
+    for row in rows:
+        if row["method"] != PROOF:
+            found.setdefault(row["method"], {})[row["scene"]] = row
+    scenes = sorted(set.intersection(*(set(own) for own in found.values())))
+    within = {method: np.array([_within(own[k], tries, solves) for k in scenes]) for method, own in found.items()}
+    anywhere = {method: np.array([bool(own[k]["found"]) for k in scenes]) for method, own in found.items()}
+    fair = [method for method in within if method in FINDERS]
+    control = max(fair, key=lambda method: int(within[method].sum()))
+    learned = max((m for m in within if m not in UNLEARNED), key=lambda m: int(within[m].sum()), default=None)
+    drawn = {name for name, _ in AGAIN.values()}
+    oracle = np.any([own for method, own in anywhere.items() if method not in drawn], axis=0)
+    again = None
+    if drawn & set(anywhere):
+        again = np.any([own for method, own in anywhere.items() if method not in AGAIN], axis=0)
+    return Room(
+        environment=f"LeapChoice-v0 ({distribution})",
+        budget=f"{tries} tries" if tries is not None else f"{solves} solves",
+        oracle_budget=f"all methods, {most} solves",
+        scenes=len(scenes),
+        random=_share(within["random"]) if "random" in within else None,
+        control=_share(within[control]),
+        controlled_by=control,
+        learned=None if learned is None else _share(within[learned]),
+        learned_by=learned or "",
+        gain=None if learned is None else paired(within[learned], within[control]),
+        oracle=_share(oracle),
+        again=None if again is None else _share(again),
+        room=100.0 * float(oracle.mean() - within[control].mean()),
+    )
+
+
+def paired(one: Any, other: Any, seed: int = 0) -> Share:
+    """The difference of two shares over the same scenes in points, with the ends of its 95 % interval (bootstrap)."""
+    apart = 100.0 * (np.asarray(one, dtype=float) - np.asarray(other, dtype=float))
+    drawn = np.random.default_rng(seed).integers(len(apart), size=(DRAWS, len(apart)))
+    low, high = np.percentile(apart[drawn].mean(axis=1), [2.5, 97.5])
+    return float(apart.mean()), float(low), float(high)
+
+
+def _within(row: Mapping[str, Any], tries: int | None, solves: int | None) -> bool:
+    spent = (tries is None or row["tries"] <= tries) and (solves is None or row["solves"] <= solves)
+    return bool(row["found"]) and spent
+
+
+def _share(found: Any) -> Share:
+    one = share(int(np.sum(found)), len(found))
+    assert one is not None
+    return one

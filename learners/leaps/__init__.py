@@ -1,0 +1,1 @@
+"""Scores of leaps' candidates that are learned from labelled tries."""
