@@ -6,7 +6,8 @@ then chooses every toe.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,7 +106,7 @@ def laid_between(
     *,
     robot: Robot | str | None = None,
     frames: int | None = None,
-) -> Callable[[Sets, Alternative], Problem]:
+) -> LaidBetween:
     """What lays out the course over a terrain from one place (x, y) [m] to another, see ``course_between``.
 
     terrain: its footholds, or its file.
@@ -117,16 +118,47 @@ def laid_between(
     over = FileTerrain.of(terrain) if isinstance(terrain, Footholds) else FileTerrain(file=str(Path(terrain).resolve()))
     who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
 
-    def laid_out(sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
+    return LaidBetween(terrain=over, start_m=tuple(start), goal_m=tuple(goal), robot=who, frames=count)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LaidBetween:
+    """What lays out the course over a terrain from one place (x, y) [m] to another, and on from where a plan failed."""
+
+    terrain: FileTerrain
+    start_m: tuple[float, ...]
+    goal_m: tuple[float, ...]
+    robot: Robot | str | None
+    frames: int | None
+
+    def __call__(self, sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
+        """The course over the inner or outer sets of the robot's legs. Raises InvalidInput and PlanningFailed."""
+        return self._laid(self.start_m, self.frames, sets, alternative, ())
+
+    def onward(self, com_m: Array, avoid_m: Sequence[Array], alternative: Alternative = AS_ASKED) -> Problem:
+        """The course from a place of the centre of mass, shape (3,) [m], to the goal by another way than these places.
+
+        Raises InvalidInput and PlanningFailed."""
+        return self._laid(tuple(com_m[:2].tolist()), None, "inner", alternative, avoid_m)
+
+    def _laid(
+        self,
+        start_m: Sequence[float],
+        frames: int | None,
+        sets: Sets,
+        alternative: Alternative,
+        avoid_m: Sequence[Array],
+    ) -> Problem:
         try:
-            spec = course_between(over, start, goal, robot=who, frames=count, alternative=alternative)
+            spec = course_between(
+                self.terrain, start_m, self.goal_m, robot=self.robot, frames=frames, alternative=alternative,
+                avoid_m=avoid_m,
+            )  # fmt: skip
             return build_course(spec, sets=sets)
         except InvalidInput as error:
             name, colon, rest = str(error).partition(":")
             said = f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)
             raise type(error)(said) from None
-
-    return laid_out
 
 
 def _called(file: str) -> str:

@@ -1,0 +1,175 @@
+"""Long courses in overlapping pieces: each is planned and judged from where the one before ends, and all together are
+one plan, which the verifier judges as a whole.
+
+A piece looks ``SHARED`` frames farther than it is kept, so that the next one begins where there is a way on; what it
+costs depends on its own frames alone. Where a piece fails, a shorter part of it is tried, then the way from a few frames
+earlier, and then another way of the body round the place, before the whole fails.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from ..answer.answer import Answer, Status
+from ..answer.plan import Plan
+from ..errors import InvalidInput, PlanningFailed
+from ..files.arrays import Array
+from ..problem import Problem
+from .plan_window import Standing, beginning, course_window, joined, spliced
+
+LOG = logging.getLogger(__name__)
+LONG = 40
+"""Courses of more key frames are planned in pieces."""
+PIECE, SHARED = 24, 8
+"""Key frames of a piece, and how many of them the next one plans anew."""
+LEAST = 6
+"""A part of a piece that is kept where all of it fails has so many frames at least."""
+DETOURS = 4
+"""Other ways of the body that are tried, all pieces together."""
+PATIENCE = 4.0
+"""A piece may take so many times its share of the time that is left."""
+
+PlanPiece = Callable[[Problem, "Array | None", float], Answer[Plan]]
+"""What plans a piece: its course, the joints of the robot that stands where it begins, and when to be done."""
+Detour = Callable[[Standing, "list[Array]"], Problem]
+"""What lays out the course on from where a robot stands, another way than by these places."""
+
+
+class Progress(Protocol):
+    """What is told after every piece: the plan so far, and the course that it is the beginning of."""
+
+    def __call__(self, begun: Plan, course: Problem) -> None: ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pieces:
+    """course: as it was planned in the end, after detours. plan: of its beginning, or of all; None for nothing.
+    pieces: how many were planned. places_m: where ways failed, shape (2,) each. failed: the answer of the piece that
+    had no plan, None where all have."""
+
+    course: Problem
+    plan: Plan | None
+    pieces: int
+    places_m: tuple[Array, ...]
+    failed: Answer[Plan] | None
+
+
+def in_pieces(course: Problem) -> bool:
+    """Whether a course is planned in pieces."""
+    return course.frames > LONG and not course.has_soles and not course.uncarried
+
+
+def plan_pieces(
+    course: Problem,
+    piece: PlanPiece,
+    *,
+    detour: Detour | None = None,
+    begun: Plan | None = None,
+    told: Progress | None = None,
+    deadline: float = math.inf,
+) -> Pieces:
+    """Plan a course piece by piece.
+
+    begun: a plan of its beginning, from which to go on. deadline: when to be done (``time.perf_counter()``).
+    """
+    cycle = _cycle(course)
+    keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
+    plans, count, avoid = ([] if begun is None else [begun]), 0, list[Array]()
+    backed = False
+    while True:
+        at = sum(plan.problem.frames - 1 for plan in plans)
+        if plans and at >= course.frames - 1:
+            return Pieces(course=course, plan=joined(course, plans), pieces=count, places_m=tuple(avoid), failed=None)
+        last = min(at + PIECE, course.frames - 1)
+        if course.frames - 1 - last < SHARED // 2:
+            last = course.frames - 1
+        answer = _one(course, at, last, plans, piece, deadline)
+        count += 1
+        accepted = answer.status is Status.FEASIBLE and answer.solution is not None
+        LOG.info("plan: piece %d, frames %d to %d of %d: %s", count, at, last, course.frames - 1, answer.status)
+        if accepted:
+            assert answer.solution is not None
+            kept = answer.solution if last == course.frames - 1 else beginning(answer.solution, min(keep, last - at))
+            plans.append(kept)
+            backed = False
+            if told is not None:
+                told(joined(course, plans), course)
+            continue
+        late = time.perf_counter() > deadline
+        shorter = None if late else _shorter(answer, course, at, cycle, plans, piece, deadline)
+        if shorter is not None:
+            plans.append(shorter)
+            continue
+        place = course.com_nominal_m[min(at + PIECE // 2, last)]
+        where = _failed_frame(answer)
+        if where is not None:
+            place = course.com_nominal_m[min(at + int(where), last)]
+        if late or detour is None or len(avoid) >= DETOURS or not plans:
+            if plans and not late and not backed and plans[-1].problem.frames - 1 > cycle:
+                plans[-1] = beginning(plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle))
+                backed = True
+                continue
+            plan = joined(course, plans) if plans else None
+            return Pieces(course=course, plan=plan, pieces=count, places_m=tuple(avoid), failed=answer)
+        avoid.append(np.asarray(place[:2]))
+        if plans[-1].problem.frames - 1 > cycle:  # room to turn off before
+            plans[-1] = beginning(plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle))
+        so_far = joined(course, plans)
+        try:
+            onward = detour(Standing.at_end(so_far), avoid)
+        except (InvalidInput, PlanningFailed) as error:
+            failed = replace(answer, message=f"{answer.message}; another way: {error}")
+            return Pieces(course=course, plan=so_far, pieces=count, places_m=tuple(avoid), failed=failed)
+        course = spliced(course, so_far.problem.frames - 1, onward)
+        plans = [replace(so_far, problem=course_window(course, 0, so_far.problem.frames - 1))]
+
+
+def _one(
+    course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float
+) -> Answer[Plan]:
+    """The answer of the piece from frame ``at`` to ``last``."""
+    state = Standing.at_end(plans[-1]) if plans else None
+    window = course_window(course, at, last, state)
+    now = time.perf_counter()
+    left = max(1.0, (course.frames - 1 - at) / (PIECE - SHARED))
+    until = deadline if math.isinf(deadline) else min(deadline, now + PATIENCE * (deadline - now) / left)
+    return piece(window, None if state is None else state.angles_rad, until)
+
+
+def _shorter(
+    answer: Answer[Plan], course: Problem, at: int, cycle: int, plans: list[Plan], piece: PlanPiece, deadline: float
+) -> Plan | None:
+    """An accepted plan of the first part of a piece that failed; None for none."""
+    length = _multiple(max(LEAST, 0.5 * (PIECE - SHARED)), cycle)
+    if answer.solution is None or at + length >= course.frames - 1:
+        return None
+    other = _one(course, at, at + length + _multiple(SHARED // 2, cycle), plans, piece, deadline)
+    if other.status is not Status.FEASIBLE or other.solution is None:
+        return None
+    return beginning(other.solution, length)
+
+
+def _failed_frame(answer: Answer[Plan]) -> float | None:
+    """The frame of a piece at which it is worst, where its report says so."""
+    if answer.report is None:
+        return None
+    frames = [float(group.when) for group in answer.report.groups if group.verdict == "violated" and group.when]
+    return frames[0] if frames else None
+
+
+def _cycle(course: Problem) -> int:
+    """After how many frames the same limbs lift again."""
+    lifts = course.lifts[1:]
+    return next((n for n in range(1, len(lifts)) if lifts[n:] == lifts[:-n]), 1)
+
+
+def _multiple(frames: float, cycle: int) -> int:
+    """The whole number of cycles next to so many frames, one at least."""
+    return max(1, round(frames / cycle)) * cycle
