@@ -29,6 +29,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree
@@ -121,7 +122,7 @@ def _around(floor: Sequence[float], holes: Sequence[Sequence[float]]) -> list[li
     """A rectangle as rectangles that leave holes out: strips along x between the holes' borders."""
     cuts = sorted({floor[0], floor[1], *(x for hole in holes for x in hole[:2])})
     parts = []
-    for left, right in zip(cuts, cuts[1:], strict=False):
+    for left, right in pairwise(cuts):
         over = sorted(hole[2:] for hole in holes if hole[0] < right and left < hole[1])
         low = floor[2]
         for bottom, top in over:

@@ -8,7 +8,7 @@ and the mirrored footprint, Lozano-Pérez, 1983). Ways are longer where foothold
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -131,9 +131,7 @@ class GuidePath:
         return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum())
 
 
-def guide_path(
-    terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: Sequence[Array] = ()
-) -> GuidePath:
+def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: Sequence[Array] = ()) -> GuidePath:
     """The best way between two places, shape (2, 2) [m].
 
     avoid_m: places (x, y) where a plan along another way failed.
@@ -384,7 +382,9 @@ class _Lattice:
 
         def passes(scale: float) -> bool:
             hull = scale * self.footprint.hull_m
-            inside = np.all((places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]), axis=-1)
+            inside = np.all(
+                (places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]), axis=-1
+            )
             blocked, _ = _room(
                 self.surfaces, self.footprint, heights, self.corner_m, self.spacing_m, rooms=(0.0,), scale=scale
             )

@@ -42,10 +42,24 @@ Detour = Callable[[Standing, "list[Array]"], Problem]
 """What lays out the course on from where a robot stands, another way than by these places."""
 
 
-class Progress(Protocol):
-    """What is told after every piece: the plan so far, and the course that it is the beginning of."""
+class Kept(Protocol):
+    """What keeps the plan of a course's beginning, so that an interrupted run can go on (``formats.partial_plan``)."""
 
-    def __call__(self, begun: Plan, course: Problem) -> None: ...
+    def begun(self, course: Problem) -> Plan | None:
+        """The plan of the course's beginning that is kept."""
+        ...
+
+    def keep(self, plan: Plan) -> None:
+        """Keep the plan of a beginning."""
+        ...
+
+    def remove(self) -> None:
+        """Keep nothing any more."""
+        ...
+
+
+Progress = Callable[[int, int], object]
+"""What is told after every piece: key frames that are planned, and all."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,14 +85,16 @@ def plan_pieces(
     piece: PlanPiece,
     *,
     detour: Detour | None = None,
-    begun: Plan | None = None,
-    told: Progress | None = None,
+    kept: Kept | None = None,
+    progress: Progress | None = None,
     deadline: float = math.inf,
 ) -> Pieces:
     """Plan a course piece by piece.
 
-    begun: a plan of its beginning, from which to go on. deadline: when to be done (``time.perf_counter()``).
+    detour: None where there is no other way. kept: holds what was planned before, and what is planned after every
+    piece. deadline: when to be done (``time.perf_counter()``).
     """
+    begun = None if kept is None else kept.begun(course)
     cycle = _cycle(course)
     keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
     plans, count, avoid = ([] if begun is None else [begun]), 0, list[Array]()
@@ -96,11 +112,13 @@ def plan_pieces(
         LOG.info("plan: piece %d, frames %d to %d of %d: %s", count, at, last, course.frames - 1, answer.status)
         if accepted:
             assert answer.solution is not None
-            kept = answer.solution if last == course.frames - 1 else beginning(answer.solution, min(keep, last - at))
-            plans.append(kept)
+            part = answer.solution if last == course.frames - 1 else beginning(answer.solution, min(keep, last - at))
+            plans.append(part)
             backed = False
-            if told is not None:
-                told(joined(course, plans), course)
+            if kept is not None:
+                kept.keep(joined(course, plans))
+            if progress is not None:
+                progress(at + part.problem.frames - 1, course.frames - 1)
             continue
         late = time.perf_counter() > deadline
         shorter = None if late else _shorter(answer, course, at, cycle, plans, piece, deadline)
@@ -131,9 +149,7 @@ def plan_pieces(
         plans = [replace(so_far, problem=course_window(course, 0, so_far.problem.frames - 1))]
 
 
-def _one(
-    course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float
-) -> Answer[Plan]:
+def _one(course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float) -> Answer[Plan]:
     """The answer of the piece from frame ``at`` to ``last``."""
     state = Standing.at_end(plans[-1]) if plans else None
     window = course_window(course, at, last, state)

@@ -24,7 +24,7 @@ from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
 from .either import part_of
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
-from .pieces import Detour, Pieces, in_pieces, plan_pieces
+from .pieces import Detour, Kept, Pieces, Progress, in_pieces, plan_pieces
 from .plan_window import Standing
 
 if TYPE_CHECKING:
@@ -60,6 +60,8 @@ def plan_course(
     push_n: float = 0.0,
     wrench: Array | None = None,
     layouts: Sequence[Alternative] = (AS_ASKED,),
+    kept: Kept | None = None,
+    progress: Progress | None = None,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
     """Answer a course: a plan that was judged, a proof that there is none, or what is known when the time ends.
@@ -77,6 +79,8 @@ def plan_course(
     layouts: ways in which a function lays the course out, the first before all others, which are tried while there is
     time in the order that the table of successes gives (``alternatives.ordered``), where over none before a plan was
     accepted; its provenance says which. *Infeasible* is said of the first alone.
+    kept: of a long course, which is planned in pieces, holds the beginning that an interrupted run had planned.
+    progress: called after every piece with the key frames that are planned, and all.
     deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
     Returns the outcome with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
     and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques are asked for of a
@@ -104,9 +108,14 @@ def plan_course(
         check_push(course, planner)
         if limits is not None and in_pieces(course) and start_rad is None:
             detour = _detour(question, alternative, push_n)
-            pieces = plan_pieces(course, piece, detour=detour, deadline=_search_end(end, PIECES))
+            pieces = plan_pieces(
+                course, piece, detour=detour, kept=kept, progress=progress, deadline=_search_end(end, PIECES)
+            )
             if pieces.plan is not None or time.perf_counter() > end:
-                return _whole(pieces, planner.name, end)
+                answer = _whole(pieces, planner.name, end)
+                if kept is not None and answer.status is Status.FEASIBLE:
+                    kept.remove()
+                return answer
         search_end = end if limits is None else _search_end(end)
         outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
         if outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer":
