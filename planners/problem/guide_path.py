@@ -1,9 +1,10 @@
 """The guide path: where a robot's body can go over a terrain, from one place to another, and what is in the way.
 
-Places of the centre of mass are the nodes of a lattice. At a node every toe, as the robot stands, needs a foothold close
-by, all at about one height, and no surface may be where the standing robot is: its footprint, the hull of its joints,
-feet and base seen from above, is kept clear of everything between its belly and its top (the Minkowski sum of a surface
-and the mirrored footprint, Lozano-Pérez, 1983). Ways are longer where footholds are rare and where solids are near.
+Places of the centre of mass are the nodes of a lattice. At a node every toe, as the robot stands, needs a foothold
+close by, all at about one height, and no surface may be where the standing robot is: its footprint, the hull of its
+joints, feet and base seen from above, is kept clear of everything between its belly and its top (the Minkowski sum of a
+surface and the mirrored footprint, Lozano-Pérez, 1983). Ways are longer where footholds are rare and where solids are
+near.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ STRAIGHT_M = 0.03
 """Points of the way this close to a straight line are left out [m]."""
 RARE = 3.0
 """A way costs so many times its length where every toe is as far aside as it may be."""
-ROOMS = ((0.0, np.inf), (0.05, 3.0), (0.1, 1.6))
+ROOMS = ((0.0, np.inf), (0.06, 4.0), (0.12, 2.0), (0.18, 1.3))
 """How much room there is between footprint and solids [m], and what a way with less costs by its length."""
 AVOIDED_M, AVOIDED = 0.5, 6.0
 """About a place where a plan failed before a way costs so many times its length, so far around [m]."""

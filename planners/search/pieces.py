@@ -2,8 +2,8 @@
 one plan, which the verifier judges as a whole.
 
 A piece looks ``SHARED`` frames farther than it is kept, so that the next one begins where there is a way on; what it
-costs depends on its own frames alone. Where a piece fails, a shorter part of it is tried, then the way from a few frames
-earlier, and then another way of the body round the place, before the whole fails.
+costs depends on its own frames alone. Where a piece fails, a shorter part of it is tried, then another way of the body
+round the place, from a few frames earlier, and the way from there once more, before the whole fails.
 """
 
 from __future__ import annotations

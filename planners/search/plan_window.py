@@ -206,7 +206,8 @@ def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
     """The plans of neighbouring windows as one plan of the course, or of its beginning where they stop earlier.
 
     plans: of windows from frame 0 on, each but the first begun from where the last one ended; what they say of their
-    own first frames is left out. The first may be of frame 0 alone. Joints are those of the windows where all have some.
+    own first frames is left out. The first may be of frame 0 alone. Joints are those of the windows where all have
+    some.
     """
     if course.has_soles:
         raise InvalidInput("windows: expected point feet to join plans of, got soles")
