@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, label
+from scipy.ndimage import distance_transform_edt, label, maximum_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import ConvexHull
@@ -28,6 +28,8 @@ from ..terrain.polygon import half_planes
 from .candidates import NoPlace
 
 if TYPE_CHECKING:
+    from ..robot.single_body import GaitRobot
+    from ..terrain.heightfield import HeightField
     from ..terrain.terrain import Terrain
 
 LATTICE_M = 0.04
@@ -96,6 +98,19 @@ class Footprint:
             names=tuple(limb.name for limb in robot.limbs), reach_m=reach,
         )  # fmt: skip
 
+    @classmethod
+    def of_walker(cls, robot: GaitRobot, yaw_rad: float) -> Footprint:
+        """The footprint of a torso and its feet that faces so from x towards y [rad]."""
+        toes = np.array([foot.nominal_m for foot in robot.feet])
+        half = robot.trunk_half_m
+        trunk = np.array([[x, y, 0.0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
+        turn = np.array([[np.cos(yaw_rad), np.sin(yaw_rad), 0.0], [-np.sin(yaw_rad), np.cos(yaw_rad), 0.0], [0, 0, 1]])
+        high = robot.stand_height_m
+        return cls(
+            toes_m=toes @ turn, hull_m=_hull((np.vstack([toes, trunk]) @ turn)[:, :2]), low_m=-BELLY * high,
+            high_m=TOP * high, names=tuple(foot.name for foot in robot.feet), reach_m=high,
+        )  # fmt: skip
+
     @property
     def radius_m(self) -> float:
         """The farthest that it goes from the centre of mass [m]."""
@@ -156,12 +171,29 @@ def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: S
     raise first
 
 
+def guide_over(heights: HeightField, footprint: Footprint, ends_m: Array, friction: float) -> tuple[GuidePath, bool]:
+    """The same over heights, where ground that is steeper than friction holds is no foothold, and what is higher than
+    the robot's belly is a wall, as bars overhead are; and whether the straight way is as good."""
+    first: InvalidInput | PlanningFailed | None = None
+    for apart in APART:
+        lattice = _Lattice.on(heights, footprint, apart, friction)
+        try:
+            found = lattice.way(ends_m[0], ends_m[1], ())
+        except (NoPlace, PlanningFailed) as error:
+            first = first or error
+            continue
+        return found, lattice.clear(ends_m)
+    assert first is not None
+    raise first
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lattice:
     """Nodes on an even grid from a corner, shape (2,) [m]; z_m: height of the body there, NaN where it cannot stand,
     shape (n, m); worth: cost of a way there by its length; missing: which toe lacks a foothold, −1 for none; apart:
     where footholds are too far above or below each other; room: number of the first of ``ROOMS`` that there is not, by
-    which surface, −1 for none; layered: whether footholds are above each other."""
+    which surface, −1 for none; layered: whether footholds are above each other; heights_m: of the ground at the nodes,
+    where it is one of heights."""
 
     corner_m: Array
     spacing_m: float
@@ -174,6 +206,7 @@ class _Lattice:
     layered: bool
     footprint: Footprint
     surfaces: Sequence[Patch]
+    heights_m: Array | None = None
 
     @classmethod
     def over(
@@ -188,7 +221,38 @@ class _Lattice:
         spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
         shape = np.ceil((high - low) / spacing).astype(int) + 1
         top, bottom = _rastered(standing, low, spacing, shape)
-        heights = bottom if lowest else top
+        layered = bool(np.nanmax(top - bottom, initial=0.0) > apart * reach)
+        stood = cls._stood(bottom if lowest else top, low, spacing, footprint, apart)
+        blocked, by = _room(surfaces, footprint, stood["z_m"], low, spacing)
+        return cls(**stood | _worth(stood["worth"], blocked), by=by, layered=layered, surfaces=surfaces)
+
+    @classmethod
+    def on(cls, heights: HeightField, footprint: Footprint, apart: float, friction: float) -> _Lattice:
+        """The lattice over heights."""
+        low, high = np.array(heights.domain_m).T
+        spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
+        lines = [low[k] + spacing * np.arange(int((high[k] - low[k]) / spacing) + 1) for k in range(2)]
+        xy = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
+        ground, slope = heights.height_and_gradient(xy.reshape(-1, 2))
+        ground = ground.reshape(xy.shape[:2])
+        steep = np.linalg.norm(slope, axis=1).reshape(ground.shape) > friction
+        stood = cls._stood(np.where(steep, np.nan, ground), low, spacing, footprint, apart)
+        blocked = np.full(ground.shape, -1)
+        for number in reversed(range(len(ROOMS))):
+            hull = footprint.grown(ROOMS[number][0])
+            size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
+            line = spacing * np.arange(-size, size + 1)
+            normals, offsets = half_planes(hull)
+            mask = np.all(np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1)
+            highest = maximum_filter(ground, footprint=mask, mode="nearest")
+            blocked[highest > stood["z_m"] + footprint.low_m] = number
+        none = np.full(ground.shape, -1)
+        return cls(**stood | _worth(stood["worth"], blocked), by=none, layered=False, surfaces=(), heights_m=ground)
+
+    @staticmethod
+    def _stood(heights: Array, low: Array, spacing: float, footprint: Footprint, apart: float) -> dict[str, Any]:
+        """Where the robot can stand, of footholds' heights at the nodes."""
+        reach, toes = footprint.reach_m, footprint.toes_m
         away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
         aside = spacing * away / (ASIDE * reach)
         close = np.where(aside <= 1.0, heights[tuple(nearest)], np.nan)
@@ -203,14 +267,17 @@ class _Lattice:
         uneven = np.abs(levels - z).max(axis=0) > apart * reach
         z[uneven] = np.nan
         worth = 1.0 + (RARE - 1.0) * np.clip(np.mean(costs, axis=0), 0.0, 1.0)
-        blocked, by = _room(surfaces, footprint, z, low, spacing)
-        for number, (_, factor) in enumerate(ROOMS):
-            if np.isfinite(factor):
-                worth = np.where(blocked == number, factor * worth, worth)
-        return cls(
-            corner_m=low, spacing_m=spacing, z_m=z, worth=worth, missing=lacking, apart=uneven, room=blocked, by=by,
-            layered=bool(np.nanmax(top - bottom, initial=0.0) > apart * reach), footprint=footprint, surfaces=surfaces,
-        )  # fmt: skip
+        return {
+            "corner_m": low, "spacing_m": spacing, "z_m": z, "worth": worth, "missing": lacking, "apart": uneven,
+            "footprint": footprint,
+        }  # fmt: skip
+
+    def clear(self, ends_m: Array) -> bool:
+        """Whether the robot can stand, clear of solids, all along a straight way."""
+        count = int(np.ceil(np.linalg.norm(ends_m[1] - ends_m[0]) / self.spacing_m)) + 1
+        points = ends_m[0] + np.linspace(0.0, 1.0, count)[:, None] * (ends_m[1] - ends_m[0])
+        i, j = np.round((points - self.corner_m) / self.spacing_m).astype(int).T
+        return bool(self.free[i, j].all())
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -235,6 +302,14 @@ class _Lattice:
         points[0, :2], points[-1, :2] = start, goal
         least = min((ROOMS[number - 1][0] for number in rooms if number > 0), default=ROOMS[-1][0])
         return GuidePath(points_m=_straightened(points), room_m=least)
+
+    @property
+    def _border(self) -> tuple[Array, Array]:
+        """Corners of a rectangle about the terrain, shape (2,) [m] each."""
+        if self.heights_m is not None:
+            return self.corner_m, self.corner_m + self.spacing_m * (np.array(self.z_m.shape) - 1)
+        corners = np.concatenate([patch.vertices_m for patch in self.surfaces])[:, :2]
+        return corners.min(axis=0), corners.max(axis=0)
 
     def _cheapest(self, ends: list[int], free: NDArray[np.bool_], worth: Array) -> list[int] | None:
         """Nodes of the cheapest way over free ones, None where there is none."""
@@ -264,9 +339,8 @@ class _Lattice:
         if not np.isfinite(self.z_m).any():
             raise NoPlace(f"{where}, got a terrain on which the robot can stand nowhere")
         inside = bool(np.all((at >= 0) & (at < self.z_m.shape)))
-        corners = np.concatenate([patch.vertices_m for patch in self.surfaces])[:, :2]
-        beyond = float(np.linalg.norm(np.maximum(corners.min(axis=0) - place, 0.0) + np.maximum(
-            place - corners.max(axis=0), 0.0)))  # fmt: skip
+        low, high = self._border
+        beyond = float(np.linalg.norm(np.maximum(low - place, 0.0) + np.maximum(place - high, 0.0)))
         if beyond > 0.0:
             raise NoPlace(f"{name}: expected a place on the terrain, got ({place[0]:g}, {place[1]:g}), {beyond:.3g} m "
                           "beyond its border")  # fmt: skip
@@ -320,8 +394,15 @@ class _Lattice:
 
     def _named(self, number: int, place: Array, body_z: float) -> str:
         """What a surface is, for people: wall or bar, where, and how high."""
-        patch = self.surfaces[number]
         ground = body_z - float(np.abs(self.footprint.toes_m[:, 2]).mean())
+        if self.heights_m is not None:
+            off = np.linalg.norm(self._places() - place, axis=-1)
+            i, j = np.unravel_index(
+                np.where(off < self.footprint.radius_m, self.heights_m, -np.inf).argmax(), off.shape
+            )
+            near = self.corner_m + self.spacing_m * np.array([i, j])
+            return f"wall at ({near[0]:.2g}, {near[1]:.2g}), {self.heights_m[i, j] - ground:.2g} m high"
+        patch = self.surfaces[number]
         low, high = float(patch.vertices_m[:, 2].min()), float(patch.vertices_m[:, 2].max())
         near = _nearest_on(patch.vertices_m[:, :2], place)
         at = f"at ({near[0] + 0.0:.2g}, {near[1] + 0.0:.2g})"
@@ -364,6 +445,10 @@ class _Lattice:
     def _wall_near(self, place: Array, body_z: float) -> str:
         """The highest solid over the ground that is near to a place, for people; empty for none."""
         ground = body_z - float(np.abs(self.footprint.toes_m[:, 2]).mean())
+        if self.heights_m is not None:
+            off = np.linalg.norm(self._places() - place, axis=-1)
+            highest = self.heights_m[off < self.footprint.radius_m].max(initial=-np.inf)
+            return self._named(-1, place, body_z) if highest > ground - self.footprint.low_m else ""
         found = list[tuple[float, int]]()
         for number, patch in enumerate(self.surfaces):
             low, high = patch.vertices_m[:, 2].min(), patch.vertices_m[:, 2].max()
@@ -375,11 +460,13 @@ class _Lattice:
         return self._named(max(found)[1], place, body_z) if found else ""
 
     def _widest(self, ends: list[int]) -> str:
-        """How wide the widest gap is, where a narrower robot would have a way; empty where none would."""
+        """How wide the widest gap is, where a narrower robot would have a way; empty where none would, and of heights,
+        where a gap may be narrower than their grid shows."""
+        if self.heights_m is not None:
+            return ""
         low, high = 0.0, 1.0
         heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
-        corners, places = np.concatenate([patch.vertices_m[:, :2] for patch in self.surfaces]), self._places()
-        corners = corners.min(axis=0), corners.max(axis=0)
+        corners, places = self._border, self._places()
 
         def passes(scale: float) -> bool:
             hull = scale * self.footprint.hull_m
@@ -417,6 +504,14 @@ class _Lattice:
             costs.append(cost[good])
         shape = (z.size, z.size)
         return coo_array((np.concatenate(costs), (np.concatenate(ones), np.concatenate(others))), shape=shape).tocsr()
+
+
+def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
+    """What a way costs by its length where there is so much room."""
+    for number, (_, factor) in enumerate(ROOMS):
+        if np.isfinite(factor):
+            worth = np.where(blocked == number, factor * worth, worth)
+    return {"worth": worth, "room": blocked}
 
 
 def _room(
