@@ -50,6 +50,8 @@ APART_M = 0.015
 MOMENTS = 20
 """Of the motion between two key frames."""
 LONGER = 1.3
+WALK_S_M = 4.0
+"""Walks have so long for a metre of the known way."""
 Array = NDArray[np.float64]
 
 
@@ -171,7 +173,10 @@ def planned(scene: Scene, folder: Path, limit_s: float, *, walk: bool, package: 
     out.parent.mkdir(parents=True, exist_ok=True)
     out.unlink(missing_ok=True)
     places = [f"--start={scene.start[0]:g},{scene.start[1]:g}", f"--goal={scene.goal[0]:g},{scene.goal[1]:g}"]
-    verb = ["gait", str(mesh), *places, "--robot", "hexapod", "--total-s", str(limit_s)]
+    seconds = f"{round(WALK_S_M * (20.0 if scene.way_m is None else scene.known_m)):d}"
+    urdf = str(ROOT / "configs" / "robots" / "hexapod.urdf")
+    verb = ["gait", str(mesh), *places, "--robot", urdf, "--smooth-m", "0.12", "--duration-s", seconds]
+    verb += ["--total-s", str(limit_s)]
     if not walk:
         verb = ["plan", str(mesh), *places, "--time-limit-s", str(limit_s)]
     environment = {} if package is None else {"PYTHONPATH": str(package / ".editable")}
@@ -184,9 +189,9 @@ def planned(scene: Scene, folder: Path, limit_s: float, *, walk: bool, package: 
         "scene": scene.name, "accepted": accepted, "status": said.get("status", ""), "message": str(message)[:300],
         "known_m": round(scene.known_m, 2), **done,
     }  # fmt: skip
-    if accepted and not walk:
-        plan = _read(out)
-        row |= {"frames": len(plan.com_m), "way_m": round(length_of(np.asarray(plan.com_m)), 3)}
+    if accepted:
+        path = np.asarray(_read(out).torso_m if walk else _read(out).com_m)
+        row |= {"frames": len(path), "way_m": round(length_of(path), 3)}
     return row
 
 

@@ -40,6 +40,8 @@ TURN_RAD = 0.02
 """A path that turns by less goes straight on."""
 LEAST_S = 3.0
 """How long a piece lasts at least [s]."""
+EVEN_S = 0.5
+"""Pieces last a whole number of these, which spacings of knots and nodes divide [s]."""
 AGAIN = 2
 """So often a piece without a walk is cut in two."""
 PATIENCE = 4.0
@@ -60,16 +62,18 @@ def guided(task: Walk) -> GuidePath | None:
     return None if straight and length < FAR_M else path
 
 
-def pieces_of(task: Walk, path: GuidePath, step_s: float) -> list[Walk]:
+def pieces_of(task: Walk, path: GuidePath) -> list[Walk]:
     """Walks straight from place to place along a path, as fast as the whole is asked to be, and no shorter than
     ``LEAST_S``."""
     places = _spread(path.points_m[:, :2])
     legs = np.linalg.norm(np.diff(places, axis=0), axis=1)
     pace = task.duration_s / path.length_m
-    seconds = np.maximum(np.round(legs * pace / step_s) * step_s, LEAST_S)
-    return [
-        _between(task, places[k], places[k + 1], float(round(seconds[k] / step_s) * step_s)) for k in range(len(legs))
-    ]
+    return [_between(task, places[k], places[k + 1], _lasting(leg * pace)) for k, leg in enumerate(legs)]
+
+
+def _lasting(seconds: float) -> float:
+    """So long, to ``EVEN_S`` and no shorter than a piece may be [s]."""
+    return max(LEAST_S, EVEN_S * round(seconds / EVEN_S))
 
 
 def _between(task: Walk, start: Array, goal: Array, duration_s: float) -> Walk:
@@ -131,7 +135,7 @@ def plan_walk(
         return plan_gait(task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint)
     begun = time.process_time()
     done, solves = list[Attempted](), list[SolveRecord]()
-    left = [(piece, 0) for piece in pieces_of(task, path, settings.step_s)]
+    left = [(piece, 0) for piece in pieces_of(task, path)]
     while left:
         piece, cut = left.pop(0)
         remains_s = caps.total_s - (time.process_time() - begun)
@@ -156,7 +160,7 @@ def plan_walk(
                 task, done, solves, f"from ({piece.start_xy_m[0]:.2f}, {piece.start_xy_m[1]:.2f}): {found.message}"
             )
         middle = 0.5 * (piece.start_xy_m + piece.goal_xy_m)
-        half_s = max(LEAST_S, round(0.5 * piece.duration_s / settings.step_s) * settings.step_s)
+        half_s = _lasting(0.5 * piece.duration_s)
         left[:0] = [
             (_between(task, piece.start_xy_m, middle, half_s), cut + 1),
             (_between(task, middle, piece.goal_xy_m, half_s), cut + 1),
