@@ -53,6 +53,8 @@ BELLY, TOP = 0.4, 0.5
 """Solids are in the way from so far below the centre of mass on, in heights of the body over its toes, and up to so far
 above it, where nobody knows the robot's links."""
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
+TRIES = 32
+"""So many straight parts are tried from a node of a way on."""
 GAPS = 12
 """So often is the widest gap halved."""
 
@@ -297,8 +299,7 @@ class _Lattice:
         found = self._cheapest(ends, self.free, worth)
         if found is None:
             raise PlanningFailed(self._refusal(start, goal, ends))
-        points = np.array([self._point(node) for node in found])
-        rooms = self.room.ravel()[found]
+        points, rooms = self._shortened(found, worth)
         points[0, :2], points[-1, :2] = start, goal
         least = min((ROOMS[number - 1][0] for number in rooms if number > 0), default=ROOMS[-1][0])
         return GuidePath(points_m=_straightened(points), room_m=least)
@@ -322,6 +323,30 @@ class _Lattice:
         while nodes[-1] != ends[0]:
             nodes.append(int(before[nodes[-1]]))
         return nodes[::-1]
+
+    def _shortened(self, nodes: list[int], worth: Array) -> tuple[Array, NDArray[np.int_]]:
+        """Points of the way, shape (L, 3) [m], straight wherever that costs no more, and their ``room``."""
+        places = np.array(np.unravel_index(nodes, self.z_m.shape)).T
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        costs = worth.ravel()[nodes]
+        spent = np.concatenate([[0.0], np.cumsum(0.5 * steps * (costs[1:] + costs[:-1]))])
+        parts, rooms, at, last = [self._point(nodes[0])[None]], [self.room.ravel()[nodes[:1]]], 0, len(nodes) - 1
+        while at < last:
+            for end in np.unique(np.geomspace(last, at + 1, TRIES).astype(int))[::-1]:
+                count = 2 if end == at + 1 else int(np.abs(places[end] - places[at]).max()) + 1
+                line = np.linspace(places[at], places[end], count)
+                rows = tuple(np.round(line).astype(int).T)
+                rises = np.abs(np.diff(self.z_m[rows]))
+                length = float(np.linalg.norm(places[end] - places[at]))
+                cost = length * float(np.mean(0.5 * (worth[rows][1:] + worth[rows][:-1])))
+                good = self.free[rows].all() and bool((rises <= self.spacing_m).all())
+                if end == at + 1 or (good and cost <= (1.0 + 1e-9) * (spent[end] - spent[at])):
+                    break
+            points = np.column_stack([self.corner_m + self.spacing_m * line, self.z_m[rows]])
+            parts.append(points[1:])
+            rooms.append(self.room[rows][1:])
+            at = int(end)
+        return np.concatenate(parts), np.concatenate(rooms)
 
     def _places(self) -> Array:
         """Of the nodes, shape (n, m, 2) [m]."""
