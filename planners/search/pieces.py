@@ -11,9 +11,9 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -65,13 +65,13 @@ Progress = Callable[[int, int], object]
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pieces:
     """course: as it was planned in the end, after detours. plan: of its beginning, or of all; None for nothing.
-    pieces: how many were planned. places_m: where ways failed, shape (2,) each. failed: the answer of the piece that
-    had no plan, None where all have."""
+    pieces: how many were planned. tried_m: nominal paths that were left, each from where the plan left it, shape (L, 3)
+    [m]. failed: the answer of the piece that had no plan, None where all have."""
 
     course: Problem
     plan: Plan | None
     pieces: int
-    places_m: tuple[Array, ...]
+    tried_m: tuple[Array, ...]
     failed: Answer[Plan] | None
 
 
@@ -97,12 +97,18 @@ def plan_pieces(
     begun = None if kept is None else kept.begun(course)
     cycle = _cycle(course)
     keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
-    plans, count, avoid = ([] if begun is None else [begun]), 0, list[Array]()
-    backed = False
+    plans, count, avoid, tried = ([] if begun is None else [begun]), 0, list[Array](), list[Array]()
+    backed, shares = False, list[Mapping[str, Any]]()
     while True:
         at = sum(plan.problem.frames - 1 for plan in plans)
         if plans and at >= course.frames - 1:
-            return Pieces(course=course, plan=joined(course, plans), pieces=count, places_m=tuple(avoid), failed=None)
+            return Pieces(
+                course=course,
+                plan=_said(joined(course, plans), shares),
+                pieces=count,
+                tried_m=tuple(tried),
+                failed=None,
+            )
         last = min(at + PIECE, course.frames - 1)
         if course.frames - 1 - last < SHARED // 2:
             last = course.frames - 1
@@ -114,6 +120,7 @@ def plan_pieces(
             assert answer.solution is not None
             part = answer.solution if last == course.frames - 1 else beginning(answer.solution, min(keep, last - at))
             plans.append(part)
+            shares.append(part.provenance)
             backed = False
             if kept is not None:
                 kept.keep(joined(course, plans))
@@ -124,6 +131,7 @@ def plan_pieces(
         shorter = None if late else _shorter(answer, course, at, cycle, plans, piece, deadline)
         if shorter is not None:
             plans.append(shorter)
+            shares.append(shorter.provenance)
             continue
         place = course.com_nominal_m[min(at + PIECE // 2, last)]
         where = _failed_frame(answer)
@@ -135,7 +143,7 @@ def plan_pieces(
                 backed = True
                 continue
             plan = joined(course, plans) if plans else None
-            return Pieces(course=course, plan=plan, pieces=count, places_m=tuple(avoid), failed=answer)
+            return Pieces(course=course, plan=plan, pieces=count, tried_m=tuple(tried), failed=answer)
         avoid.append(np.asarray(place[:2]))
         if plans[-1].problem.frames - 1 > cycle:  # room to turn off before
             plans[-1] = beginning(plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle))
@@ -144,9 +152,23 @@ def plan_pieces(
             onward = detour(Standing.at_end(so_far), avoid)
         except (InvalidInput, PlanningFailed) as error:
             failed = replace(answer, message=f"{answer.message}; another way: {error}")
-            return Pieces(course=course, plan=so_far, pieces=count, places_m=tuple(avoid), failed=failed)
+            return Pieces(course=course, plan=so_far, pieces=count, tried_m=tuple(tried), failed=failed)
+        tried.append(course.com_nominal_m[so_far.problem.frames - 1 :])
         course = spliced(course, so_far.problem.frames - 1, onward)
         plans = [replace(so_far, problem=course_window(course, 0, so_far.problem.frames - 1))]
+
+
+def _said(plan: Plan, pieces: list[Mapping[str, Any]]) -> Plan:
+    """The plan, which says of all of it what holds of every piece: the largest share of the friction, and the least
+    push that stances bear."""
+    friction = [float(each["friction_share"]) for each in pieces if "friction_share" in each]
+    pushes = [float(each.get("push_share", 0.0)) for each in pieces]
+    said: dict[str, Any] = {"pieces": len(pieces)}
+    said |= {"friction_share": max(friction)} if friction and len(friction) == len(pieces) else {}
+    said |= {"push_share": min(pushes)} if pushes and min(pushes) > 0.0 else {}
+    torques = {each["torque_nm"] for each in pieces if "torque_nm" in each}
+    said |= {"torque_nm": min(torques)} if torques else {}
+    return replace(plan, provenance={**plan.provenance, **said})
 
 
 def _one(course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float) -> Answer[Plan]:

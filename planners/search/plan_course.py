@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
@@ -154,12 +156,14 @@ def _whole(pieces: Pieces, method: str, end: float) -> Answer[Plan]:
     """The answer to a course that was planned in pieces, with one verdict on all of it."""
     from .whole_body_outcome import judged  # slow to import
 
-    details = {"pieces": float(pieces.pieces), "detours": float(len(pieces.places_m))}
+    details = {"pieces": float(pieces.pieces), "detours": float(len(pieces.tried_m))}
     answer: Answer[Plan] = Answer(
         status=Status.FEASIBLE, method=method, problem=pieces.course, solution=pieces.plan, details=details
     )
     if pieces.failed is None and pieces.plan is not None:
-        return judged(answer, deadline=end)
+        tried = [np.round(path, 3).tolist() for path in pieces.tried_m]
+        made = {**pieces.plan.provenance, "planner": method, **({"tried_m": tried} if tried else {})}
+        return judged(replace(answer, solution=replace(pieces.plan, provenance=made)), deadline=end)
     failed = pieces.failed
     done = 0 if pieces.plan is None else pieces.plan.problem.frames - 1
     assert failed is not None
