@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from .datasets import label as label
     from .envs.data.dataset import Dataset as Dataset
     from .envs.data.leap_tries import LeapTries as LeapTries
+    from .exports import ExportedMotions as ExportedMotions
+    from .exports import export as export
     from .files import load as load
     from .files import save as save
     from .learners.data.export import Exported as Exported
@@ -79,7 +81,6 @@ if TYPE_CHECKING:
     from .runner.settings import RunSettings as RunSettings
     from .samples import sample as sample
     from .selectors import evaluate as evaluate
-    from .selectors import export as export
     from .selectors import fit as fit
     from .terrains import heights as heights
     from .terrains import terrain as terrain
@@ -93,6 +94,7 @@ _HOMES = {
     "datasets": ("label",),
     "envs.data.dataset": ("Dataset",),
     "envs.data.leap_tries": ("LeapTries",),
+    "exports": ("ExportedMotions", "export"),
     "files": ("load", "save"),
     "learners.data.export": ("Exported",),
     "learners.data.labelling": ("RecheckReport",),
@@ -130,7 +132,7 @@ _HOMES = {
     "runner.report": ("RunReport",),
     "runner.settings": ("RunSettings",),
     "samples": ("sample",),
-    "selectors": ("evaluate", "export", "fit"),
+    "selectors": ("evaluate", "fit"),
     "terrains": ("heights", "terrain"),
     "walks": ("walk",),
 }

@@ -109,6 +109,7 @@ def verify(
     tolerance: float = TOLERANCE,
     robot: str | Path | None = None,
     course: str | None = None,
+    terrain: str | Path | None = None,
 ) -> FileCheck | RecheckReport: ...
 @checked
 def verify(
@@ -128,6 +129,7 @@ def verify(
     tolerance: float = TOLERANCE,
     robot: str | Path | None = None,
     course: str | None = None,
+    terrain: str | Path | None = None,
 ) -> Report[Plan | LeapPlan | Trajectory | Certificate] | RecheckReport | FileCheck:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
 
@@ -139,7 +141,9 @@ def verify(
         tolerance: largest violation of a constraint by an accepted posture or plan, non-dimensional. Certificates and
             walks have limits of their own.
         robot: of a file: a name or a file of the robot that its plan or gait has to be for.
-        course: of a plan's file: the course that it has to be of, as ``plan`` takes it.
+        course: of a plan's file: the course that it has to be of, as ``plan`` takes it; of a motion's: whose patches.
+        terrain: of the file of a motion from elsewhere (.csv, .npz, JointTrajectory, MuJoCo's .xml): heights by name or
+            file, or the file of a plan or a walk, whose ground it is.
     Returns:
         A report: ``accepted``, and what is violated, where and by how much; of a file a ``FileCheck`` with one.
     Raises:
@@ -153,8 +157,8 @@ def verify(
         True
     """
     if isinstance(subject, str | Path) and answer is None and os.path.isfile(subject):
-        return check_file(subject, tolerance=tolerance, robot=robot, course=course)
-    for name, given in (("robot", robot), ("course", course)):
+        return check_file(subject, tolerance=tolerance, robot=robot, course=course, terrain=terrain)
+    for name, given in (("robot", robot), ("course", course), ("terrain", terrain)):
         if given is not None:
             raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {given}")
     if isinstance(subject, Answer) and answer is None:
@@ -165,7 +169,7 @@ def verify(
             return check_plan(replace(answer, problem=subject), tolerance=tolerance)
         case Certificate(), None:
             return check_certificate(subject)
-        case (Problem() | Leap()), Certificate():
+        case ((Problem() | Leap()), Certificate()):
             old_form("verify(problem, certificate)", "verify(certificate), which knows its problem")
             return check_certificate(answer.of(subject))
         case LeapPlan(), None:
@@ -174,12 +178,10 @@ def verify(
             return check_plan(subject, tolerance=tolerance, joints=True, margins=True)
         case Trajectory(), None:
             return check_trajectory(subject)
-        case (Dataset() | LeapTries() | str() | Path()), None:
+        case ((Dataset() | LeapTries() | str() | Path()), None):
             return check_rows(subject, tolerance=tolerance)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
-    raise InvalidInput(
-        f"verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got {came}"
-    )
+    raise InvalidInput(f"verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got {came}")
 
 
 def _proof(answer: Answer[Any]) -> Certificate | None:

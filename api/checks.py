@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,14 +16,20 @@ from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.answer_file import answer_from_json, json_records, read_problems
 from stancekit.planners.problem import Problem
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.terrain.ground import Ground
 from stancekit.planners.verify import check_certificate, check_plan, explain
 
 if TYPE_CHECKING:
     from stancekit.envs.data.dataset import Dataset
     from stancekit.envs.data.leap_tries import LeapTries
     from stancekit.learners.data.labelling import RecheckReport
+    from stancekit.planners.answer.trajectory import Trajectory
     from stancekit.planners.formats.file_check import FileCheck
+    from stancekit.planners.terrain.patch import Patch
 
+FRICTION = 0.75
+"""Of heights under a motion from elsewhere, as of walks that are asked for without one."""
 TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
 TOLD_M = 1e-3
@@ -39,17 +45,29 @@ def check_file(
     tolerance: float = TOLERANCE,
     robot: str | Path | None = None,
     course: str | None = None,
+    terrain: str | Path | None = None,
     why: bool = False,
 ) -> FileCheck:
-    """Check a file of a plan, a proof, a leap or a walk against the question in it, whatever it says of itself.
+    """Check a file of a plan, a proof, a leap or a walk against the question in it, whatever it says of itself; or a
+    motion from elsewhere, for a robot and a terrain.
 
     tolerance: of a plan. robot: a name or a file, whose a plan or a walk has to be. course: as ``plan`` takes it, which
-    a plan has to be of. why: a reason is asked for, which proofs alone have. Raises InvalidInput for a file that holds
-    none of them, and for one of another robot or course.
+    a plan has to be of. terrain: of a motion, see ``_check_motion``. why: a reason is
+    asked for, which proofs alone have. Raises InvalidInput for a file that holds none of them, and for one of another
+    robot or course.
     """
     from stancekit.planners.formats import plan_file
+    from stancekit.planners.formats.motion_file import is_motion_file
 
     name = str(path)
+    if Path(path).suffix == ".xml" or is_motion_file(path):
+        if why:
+            raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
+        if tolerance != TOLERANCE:
+            raise InvalidInput("tolerance: expected none with a motion, whose groups have limits of their own")
+        return _check_motion(Path(path), robot, course, terrain)
+    if terrain is not None:
+        raise InvalidInput(f"terrain: expected a motion with it, got {name}")
     if plan_file.is_plan_file(path):
         if why:
             raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
@@ -71,23 +89,17 @@ def check_file(
         if robot is not None:
             raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
         if tolerance != TOLERANCE:
-            raise InvalidInput(
-                "tolerance: expected none with a proof, which has to hold with room for any plan"
-            )
+            raise InvalidInput("tolerance: expected none with a proof, which has to hold with room for any plan")
         return proof_file.check_proof_file(path)
     if why:
         raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
     if not trajectory_file.is_trajectory(data):
         if robot is not None:
             raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
-        wanted = (
-            "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
-        )
+        wanted = "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
         raise InvalidInput(f"{name}: {wanted}")
     if tolerance != TOLERANCE:
-        raise InvalidInput(
-            "tolerance: expected none with a gait, whose groups have limits of their own"
-        )
+        raise InvalidInput("tolerance: expected none with a gait, whose groups have limits of their own")
     from stancekit.planners.formats.file_check import FileCheck
     from stancekit.planners.robot.walker import named_walker
 
@@ -95,9 +107,69 @@ def check_file(
     return FileCheck(path=name, kind="gait", report=report, message=report.message)
 
 
-def _check_plan(
-    path: str | Path, tolerance: float, robot: str | Path | None, course: str | None
-) -> FileCheck:
+def _check_motion(path: Path, robot: str | Path | None, course: str | None, terrain: str | Path | None) -> FileCheck:
+    """Check a motion from elsewhere, see ``check_file``.
+
+    terrain: heights, by name or file, or the file of a plan or a walk, whose robot and ground are taken. course: as
+    ``plan`` takes it, whose patches, and robot where none is given, are taken.
+    """
+    from stancekit.planners.formats.file_check import FileCheck
+    from stancekit.planners.formats.motion_file import read_motion
+    from stancekit.planners.physics import GRAVITY_M_S2
+    from stancekit.planners.verify.motions import check_motion
+    from stancekit.runner.export.formats import scene_of
+    from stancekit.runner.export.mjcf import read_keys
+
+    if (terrain is None) == (course is None):
+        given = "neither" if terrain is None else "both"
+        raise InvalidInput(f"terrain: expected it or a course with the motion {path}, got {given}")
+    who = None if robot is None else _legged(robot)
+    gravity_m_s2 = GRAVITY_M_S2
+    ground: Sequence[Patch] | Ground
+    if course is not None:
+        from stancekit.planners.problem.course_file import read_course
+
+        asked = read_course(course, None, None if robot is None or Path(course).suffix == ".json" else str(robot))
+        ground, gravity_m_s2, who = asked.terrain, asked.gravity_m_s2, who or asked.robot
+    elif Path(str(terrain)).suffix == ".json":
+        own, _, ground, gravity_m_s2 = scene_of(_subject(str(terrain)))
+        who = who or own
+    else:
+        from stancekit.planners.terrain.reference import named_terrain
+
+        ground = Ground(heights=named_terrain(str(terrain)), friction=FRICTION)
+    if who is None:
+        raise InvalidInput(f"robot: expected who moves in {path}, got none")
+    if not isinstance(ground, Ground) and not ground:
+        raise InvalidInput(f"course: expected one with a terrain of its own, got {course}")
+    table = read_keys(path) if path.suffix == ".xml" else read_motion(path)
+    try:
+        report = check_motion(table, who, ground, gravity_m_s2=gravity_m_s2)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+    return FileCheck(path=str(path), kind="motion", report=report, message=report.message)
+
+
+def _legged(robot: str | Path) -> Robot:
+    """The robot of a name or a file with its legs; what they reach is not looked at. Raises InvalidInput."""
+    from stancekit.planners.robot.legged import robot_of, walking_robot
+    from stancekit.planners.robot.robot_file import named_robot
+    from stancekit.planners.robot.walker import BUILT_IN
+
+    name = str(robot)
+    return walking_robot(BUILT_IN[name]()) if name in BUILT_IN else robot_of(named_robot(robot))
+
+
+def _subject(path: str) -> Plan | Trajectory:
+    """The plan or the walk of a file. Raises InvalidInput."""
+    from stancekit.planners.formats import plan_file, trajectory_file
+
+    if plan_file.is_plan_file(path):
+        return plan_file.read_plan(path)[0]
+    return trajectory_file.read_trajectory(path).trajectory
+
+
+def _check_plan(path: str | Path, tolerance: float, robot: str | Path | None, course: str | None) -> FileCheck:
     """Check a file of a plan of key frames, see ``check_file``."""
     from stancekit.planners.formats import plan_file
     from stancekit.planners.robot.robot_file import named_robot
@@ -132,9 +204,7 @@ def check_rows(
     from stancekit.learners.data.leap_tries import recheck_leaps
 
     if isinstance(source, str | Path) and not os.path.exists(folder_of(source)):
-        raise InvalidInput(
-            f"{source}: expected a plan, proof, gait or data set, found nothing there"
-        )
+        raise InvalidInput(f"{source}: expected a plan, proof, gait or data set, found nothing there")
     for name, given in (("explain", why), ("tolerance", tolerance != TOLERANCE)):
         if given:
             wanted = "expected a file of answers with it, got a data set, which has its own plan"
@@ -157,9 +227,7 @@ def check_answers(
     """
     asked, claims = list(read_problems(*problems)), list(json_records(*answers))
     if len(asked) != len(claims):
-        raise InvalidInput(
-            f"{answers[1]}: expected {len(asked)} answers, one a problem, got {len(claims)}"
-        )
+        raise InvalidInput(f"{answers[1]}: expected {len(asked)} answers, one a problem, got {len(claims)}")
     for (where, problem), (place, claim) in zip(asked, claims, strict=True):
         if isinstance(problem, InvalidInput) or isinstance(claim, InvalidInput):
             wrong = problem if isinstance(problem, InvalidInput) else claim
@@ -177,9 +245,7 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:
         hint = " (solve with --certificate)" if status == "infeasible" else ""
-        message = (
-            f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
-        )
+        message = f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
         return {"verdict": "refused", "message": message}
     if isinstance(answer, Plan):
         report = check_plan(answer, tolerance=tolerance)

@@ -26,8 +26,8 @@ from stancekit.planners.problem.course_file import is_scene, read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.wrench import wrench_of
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
-from stancekit.planners.robot.contact_robot import Sets
 from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course

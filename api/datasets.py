@@ -20,7 +20,7 @@ from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import shown
 from stancekit.planners.problem.leap_classes import is_leap_class as is_leap_class
-from stancekit.planners.problem.posture import Sampler
+from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot.model import Robot
 
 from .upgrading import old_arguments

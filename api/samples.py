@@ -12,7 +12,7 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.posture import Sampler
+from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot.model import Robot
 
 if TYPE_CHECKING:

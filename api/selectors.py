@@ -11,8 +11,6 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.scenes import scenes_of
 from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
-from stancekit.learners.data.export import Exported
-from stancekit.learners.data.export import export as exported
 from stancekit.learners.data.origin import check_unseen
 from stancekit.learners.data.origin import rows_of as rows_of
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
@@ -36,40 +34,8 @@ LIFT = "lift"
 """What is compared with selectors and chooses nothing."""
 
 
-@checked
-def export(
-    dataset: Rows,
-    folder: str | Path,
-    *,
-    room: float = 0.02,
-    progress: Callable[[int, int], None] | None = None,
-) -> Exported:
-    """Write labelled rows as a Minari data set: one-step episodes of EnvelopeSelection-v0, acted by the expert.
-
-    Arguments:
-        dataset: what ``label`` returned, or its folder.
-        folder: a new folder, or an empty one; nothing is written anywhere else.
-        room: how far every side of the expert's box is moved out, non-dimensional.
-        progress: called with episodes written, and all.
-    Returns:
-        An ``Exported``: where it is, how many episodes, and what the expert's boxes come to.
-    Raises:
-        InvalidInput: for a folder that holds something, rows that are missing, and without Minari (extra datasets).
-    Source:
-        None: Minari's format.
-    Example:
-        >>> import stancekit
-        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
-        >>> stancekit.export(train, "minari").episodes
-        12
-    """
-    return exported(rows_of(dataset), Path(folder), room=room, progress=progress)
-
-
 @overload
-def fit(
-    dataset: Rows | Sequence[Rows], method: Literal["modes"], **how: Any
-) -> Modes: ...
+def fit(dataset: Rows | Sequence[Rows], method: Literal["modes"], **how: Any) -> Modes: ...
 @overload
 def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **how: Any) -> Learned: ...
 @checked

@@ -37,7 +37,7 @@ from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.robot.contact_robot import standing_toes
+from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.search.methods import make_planner

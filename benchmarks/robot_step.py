@@ -27,13 +27,13 @@ from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.whole_body import whole_body
-from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
+from stancekit.planners.robot.contact_robot import contact_robot
 from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.urdf_reader import pinocchio
-from stancekit.planners.robot.workspace_cache import workspaces_of
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import make_planner
@@ -88,7 +88,7 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
 def decided(model: RobotModel, natural: int) -> dict[str, int]:
     """How many natural postures are found over inner sets (yes), refuted over outer ones (no), or neither (open)."""
     planner, count = ExactPlanner(time_limit_s=LIMIT_S), {"yes": 0, "no": 0, "open": 0}
-    inner, outer = (contact_robot(model, workspaces_of(model), sets) for sets in ("inner", "outer"))
+    inner, outer = (contact_robot(model, sets=sets) for sets in ("inner", "outer"))
     for seed in range(natural):
         within, around = (natural_posture(model, each, np.random.default_rng(seed)) for each in (inner, outer))
         if planner.solve(within).status is Status.FEASIBLE:

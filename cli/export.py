@@ -1,44 +1,91 @@
-"""``stancekit export``: expert data for other programs."""
+"""``stancekit export``: motions and expert data for other programs."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from .console import emit, out, progress
+from .console import as_options, emit, out, progress
+from .options import OptionalInt, OptionalPath, OptionalText
+
+if TYPE_CHECKING:
+    from stancekit.exports import ExportedMotions
+    from stancekit.learners.data.export import Exported
 
 
 @dataclass
 class Export:
-    """Write a labelled data set as a Minari data set: one-step episodes of EnvelopeSelection-v0, acted by the expert.
+    """Write a motion in the format of another program, or a labelled data set as expert data.
 
-    The action is the smallest box around the exact planner's positions and forces, moved out by a little room. The data
-    set is read back before it counts as written. To use it: MINARI_DATASETS_PATH=OUT and minari.load_dataset(ID).
+    The motion is the one that `stancekit run` streams: time, angles, rates and torques of joints, contacts, forces and
+    body, with names.
+
+      csv, npz         a table
+      jointtrajectory  ROS 2's trajectory_msgs/JointTrajectory, .json or .yaml
+      mujoco           MJCF of robot and terrain, with a key frame per row
+      reference        the .npz that mjlab's tracking task reads
+      rerun            a recording, .rrd (extra rerun)
+      foxglove         MCAP: sensor_msgs/JointState and Foxglove's schemas, and a layout (extra log)
+      minari           one-step episodes of EnvelopeSelection-v0, of a data set of `stancekit label`
+
+      stancekit export plan.json --to csv
+      stancekit export walk.json --to mujoco --rate-hz 50 --out walk.xml
+      stancekit export rough:0.1 --count 40 --robot go1 --to reference --out motions
+      stancekit export data/train --to minari --out out/minari
+
+    Exit code: 0 written; 1 a data set that reads back otherwise; 2 bad input, nothing is written.
     """
 
-    dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
-    """Data set folder of `stancekit label`."""
-    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="OUT")]
-    """New folder, or an empty one; nothing is written anywhere else."""
+    subject: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="X")]
+    """File of a plan, a walk or a leap; FAMILY:LEVEL with --count; or the folder of a data set."""
+    to: Annotated[OptionalText, tyro.conf.arg(metavar="FORMAT")] = None
+    """Which format; what the ending of --out says where it is missing, and minari for a data set."""
+    out: OptionalPath = None
+    """File, or the folder of drawn motions or of a data set; a name beside X where it is missing."""
+    rate_hz: float = 100.0
+    """Rows per second."""
+    count: OptionalInt = None
+    """So many accepted walks over grounds of FAMILY:LEVEL with seeds 0, 1, ...; a folder that has some is gone on
+    with."""
+    robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
+    """Who walks there."""
     room: float = 0.02
-    """How far every side of the expert's box is moved out (non-dimensional)."""
+    """Of a data set: how far every side of the expert's box is moved out (non-dimensional)."""
     json: bool = False
     """Print the result as one JSON object."""
 
     def run(self) -> int:
-        """Export, and read back."""
-        from stancekit.learners.data.export import load_exported
-        from stancekit.selectors import export
+        """Export, and say what was written."""
+        from stancekit.exports import ExportedMotions, export
 
-        with progress("export") as bar:
-            done = export(self.dataset, self.out, room=self.room, progress=bar)
-        there = load_exported(self.out).total_episodes
-        record = {**asdict(done), "root": str(done.root), "read_back": int(there)}
+        with as_options("to", "out", "rate_hz", "count", "room"), progress("export") as bar:
+            done = export(
+                self.subject, self.out, to=self.to, rate_hz=self.rate_hz, count=self.count, robot=self.robot,
+                room=self.room, progress=bar,
+            )  # fmt: skip
+        return self._motions(done) if isinstance(done, ExportedMotions) else self._rows(done)
+
+    def _motions(self, done: ExportedMotions) -> int:
+        lost, drawn = sum(done.refused.values()), len(done.paths) + sum(done.refused.values())
         if self.json:
-            emit(record)
+            emit({"files": [str(path) for path in done.paths], "refused": dict(done.refused), "without": done.without})
+        elif self.count is None:
+            out.print(f"wrote {done.paths[0]}" + (f" without joints: {done.without}" if done.without else ""))
+        else:
+            why = "; ".join(f"{reason}: {count}" for reason, count in done.refused.items())
+            said = f", {lost} refused ({lost / drawn:.0%}){': ' if why else ''}{why}"
+            out.print(f"{len(done.paths)} motions of {drawn} grounds{said}; in {done.paths[0].parent}")
+        return 0
+
+    def _rows(self, done: Exported) -> int:
+        from stancekit.learners.data.export import load_exported
+
+        there = load_exported(Path(done.root)).total_episodes
+        if self.json:
+            emit({**asdict(done), "root": str(done.root), "read_back": int(there)})
         else:
             out.print(
                 f"{done.root}: {there} episodes of {done.dataset_id}, mean reward {done.mean_reward:.3f}, "

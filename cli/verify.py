@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+from rich.table import Table
 
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, text_of
 from .options import OptionalPath, OptionalText
+
+if TYPE_CHECKING:
+    from stancekit.planners.answer.report import Report
 
 TOLERANCE = 1e-6
 
@@ -25,6 +29,10 @@ class Verify:
 
     With two, `stancekit verify problems.jsonl answers.jsonl`, the n-th answer is taken for the n-th problem; answers
     are what `stancekit solve --certificate --out answers.jsonl` writes.
+
+    With a motion from elsewhere, `stancekit verify walk.csv --robot go1 --terrain rough:0.1:3`, a .csv, a .npz of
+    `stancekit export`, a JointTrajectory (.json, .yaml) or MuJoCo key frames (.xml), what stands is told from what does
+    not, group by group; what cannot be known is named.
 
     With a folder, `stancekit verify data/wall-3`, every witness and every certificate of a data set is checked.
 
@@ -43,6 +51,8 @@ class Verify:
     course: Annotated[OptionalText, tyro.conf.arg(metavar="COURSE")] = None
     """The course that a plan is for, as `stancekit plan` takes it, for the robot of --robot: a plan of other terrain,
     friction, start, goal, limits or robot is refused."""
+    terrain: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
+    """Heights under a motion from elsewhere, by name or file, or the file of a plan or a walk over the same ground."""
     explain: bool = False
     """Say for every proof what would have to give, and by how much at least."""
     json: bool = False
@@ -52,7 +62,8 @@ class Verify:
         """Verify and print the verdicts."""
         if not 0.0 < self.tolerance < 1.0:
             raise InvalidInput(f"--tolerance: expected a number between 0 and 1, got {self.tolerance:g}")
-        for option, wanted in (("robot", "a plan's or a gait's"), ("course", "a plan's")):
+        wants = (("robot", "a plan's, a gait's or a motion's"), ("course", "a plan's"), ("terrain", "a motion's"))
+        for option, wanted in wants:
             if getattr(self, option) is not None and not (self.answers is None and self.problems.is_file()):
                 raise InvalidInput(f"--{option}: expected {wanted} file with it")
         if self.answers is None:
@@ -75,14 +86,21 @@ class Verify:
         """A plan of key frames, a proof or a gait trajectory: one verdict."""
         from stancekit.checks import check_file
 
-        with as_options("tolerance", "robot", "course", "explain"):
+        with as_options("tolerance", "robot", "course", "terrain", "explain"):
             found = check_file(
-                self.problems, tolerance=self.tolerance, robot=self.robot, course=self.course, why=self.explain
+                self.problems,
+                tolerance=self.tolerance,
+                robot=self.robot,
+                course=self.course,
+                terrain=self.terrain,
+                why=self.explain,
             )
         if self.json:
             emit(found.to_json())
         else:
             out.print(f"{self.problems}: {found.message}")
+            if found.kind == "motion":
+                out.print(_groups(found.report))
             if found.kind == "plan" and found.accepted:
                 out.print(found.report.margin_message)
         return int(not found.accepted)
@@ -98,3 +116,14 @@ class Verify:
             for name, value in report.to_json().items():
                 out.print(f"{name:16} {value}")
         return int(not report.accepted)
+
+
+def _groups(report: Report[Any]) -> Table:
+    """A row per group of a motion."""
+    table = Table(box=None, show_header=False)
+    for group in report.groups:
+        share = "" if group.unit == "1" else f" {group.unit}"
+        at = "" if group.when is None else f", {group.when:.2f} s"
+        place = f"{group.where}{at}".removeprefix(", ")
+        table.add_row(group.name, group.verdict, f"{group.value:.3g} of {group.limit:g}{share}", place, group.message)
+    return table

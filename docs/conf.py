@@ -54,6 +54,11 @@ sphinx_gallery_conf = {
     "gallery_dirs": "auto_examples",
     "filename_pattern": r"/plot_",
     "image_scrapers": ("scraper.written",),
+    "first_notebook_cell": (
+        "# Once: from the package index, or from a wheel beside this notebook.\n"
+        "# %pip install 'stancekit[kin,mujoco,terrain,rl]'\n"
+        "# %pip install ./stancekit-" + release + "-py3-none-any.whl"
+    ),
     "abort_on_example_error": True,
     "min_reported_time": 1e9,
     "show_memory": False,

@@ -8,7 +8,7 @@ from typing import TypedDict
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.posture import Sampler
+from stancekit.planners.problem.posture_batch import Sampler
 
 from .distributions.postures import Distribution, distribution_of
 from .sampling import SampledScenes

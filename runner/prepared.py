@@ -14,7 +14,6 @@ from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.legged import foot_radii
 
 from .acceptance import Accepted, AcceptedGait, check_joints
 from .control.tracker import Target, Tracker
@@ -171,7 +170,7 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
         raise InvalidInput("odometry: expected a plan, got a gait: two feet do not tell how the body is turned")
     trajectory = accepted.trajectory
     check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
-    motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world, settings)
+    motion, sees = GaitMotion(trajectory, accepted.robot.source.foot_radii_m), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
     wished = _check_gait(motion, kinematics, world, hung=settings.hung) if settings.check_limits else None
     moving = replace(settings.feedback, **WALKING)

@@ -37,7 +37,8 @@ BEFORE = {"docs/running-on-a-robot.md": ["plan desk.yaml --out desk.json"]}
 """Commands of a page that its Python needs."""
 NEEDS = {
     "docs/training.md": "stable_baselines3", "docs/learning.md": "torch", "docs/running-on-a-robot.md": "pinocchio",
-    "docs/learning-own-robot.md": "trimesh", "3_own_robot": "mujoco",
+    "docs/learning-own-robot.md": "trimesh", "03_own_robot": "pinocchio",
+    "04_own_terrain": "trimesh", "09_train": "stable_baselines3", "10_run_and_export": "mujoco",
 }  # fmt: skip
 
 PAGE_OF_TWO = """# Page
@@ -135,7 +136,9 @@ def test_commands_of_a_page_run_line_after_line(page: str, folder: Path) -> None
 @pytest.mark.parametrize("path", sorted((DOCS / "examples").glob("plot_*.py")), ids=lambda path: path.stem)
 def test_an_example_runs_and_draws(path: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip(NEEDS.get(path.stem.removeprefix("plot_"), "numpy"))
-    exec(compile(path.read_text(encoding="utf-8"), path.name, "exec"), {"__name__": "__main__"})
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 60
+    exec(compile(text, path.name, "exec"), {"__name__": "__main__"})
     assert capsys.readouterr().out.strip()
     assert list(folder.glob("*.png"))
 

@@ -19,7 +19,8 @@ from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.validation import validated
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
 from stancekit.planners.problem import PostureBatch, Problem
-from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS, Sampler
+from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
+from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import BUILT_IN
 

@@ -110,7 +110,8 @@ class StandingRobot:
             return cls(
                 robot=default, toes_m=paper_stance(default.limbs, "ground").centre_m, reach_m=PAPER_REACH_M, paper=True
             )
-        from stancekit.planners.robot.contact_robot import contact_robot, standing_toes  # slow to import
+        from stancekit.planners.robot.contact_robot import contact_robot  # slow to import
+        from stancekit.planners.robot.reach_sets import standing_toes  # slow to import
         from stancekit.planners.robot.workspace_cache import workspaces_of
 
         model = named_robot(robot) if isinstance(robot, str) else robot.model

@@ -16,7 +16,8 @@ from stancekit.planners.files.writing import check_new_folder, replaced
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.terrain.families import SCENE, family_terrain, terrain_family
+from stancekit.planners.terrain.families import family_terrain, terrain_family
+from stancekit.planners.terrain.family import SCENE
 from stancekit.planners.terrain.terrain import Terrain
 
 FORMAT = "stancekit/scenes/1"

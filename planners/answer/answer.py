@@ -19,7 +19,7 @@ from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ..problem.walk import Walk
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 S = TypeVar("S", bound=Plan | LeapPlan | Trajectory, covariant=True)
 UNBOUNDED = 1e6
@@ -128,6 +128,16 @@ class Answer(Generic[S]):
     claim: str = ""
     message: str = ""
     details: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        said = self.message or ("" if self.report is None else self.report.message)
+        return f"Answer({self.status.value} by {self.method}{': ' if said else ''}{said})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from .html import answer_html
+
+        return answer_html(self)
 
     @property
     def sets(self) -> Sets | None:

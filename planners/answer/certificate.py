@@ -15,7 +15,7 @@ from ..problem import Problem
 from ..problem.leap import Leap
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -64,6 +64,16 @@ class LeapPlan:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        count, legs = len(self.forces_n), ", ".join(self.problem.robot.limb_names)
+        return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from .html import plan_html
+
+        return plan_html(self)
+
     @property
     def times_s(self) -> Array:
         """Ends of the intervals, shape (M + 1,) [s]."""

@@ -78,6 +78,16 @@ class Plan:
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        name, frames, limbs = self.problem.name, len(self.com_m), ", ".join(self.problem.robot.limb_names)
+        return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from .html import plan_html
+
+        return plan_html(self)
+
     @classmethod
     def of_posture(
         cls,

@@ -22,6 +22,7 @@ from ..robot.urdf import joint_names
 from .certificate import Certificate
 from .hindrance import plan_hindrance, walk_hindrance
 from .leap_plan import NUMBERS, LeapPlan
+from .motion_table import MotionTable
 from .plan import Plan
 from .trajectory import Trajectory
 
@@ -59,7 +60,7 @@ OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
 ROUNDING = 1e-12
 """Non-dimensional violations of a plan below this are nobody's fault."""
-S = TypeVar("S", bound=Plan | LeapPlan | Trajectory | Certificate, covariant=True)
+S = TypeVar("S", bound=Plan | LeapPlan | Trajectory | Certificate | MotionTable, covariant=True)
 Verdict = Literal["holds", "violated", "not checked", "not asked for"]
 OLD_VERDICTS = {"holds": "checked", "violated": "failed"}
 """The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
@@ -187,6 +188,15 @@ class Report(Generic[S]):
     limits: Mapping[str, float] = field(default_factory=dict)
     defect: str = ""
 
+    def __repr__(self) -> str:
+        return f"Report({self.message})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from .html import report_html
+
+        return report_html(self)
+
     @property
     def accepted(self) -> bool:
         """No group is violated, and there was something to check."""
@@ -283,6 +293,9 @@ class Report(Generic[S]):
             content = {"limits": dict(self.limits), "accepted": self.accepted, "defect": self.defect}
             content["checked"] = list(self.checked)
             return _sha256(content if self.defect else {**content, "trajectory": self.answer.digest})
+        if isinstance(self.answer, MotionTable):
+            content = {"limits": dict(self.limits), "accepted": self.accepted, "checked": list(self.checked)}
+            return _sha256({**content, "motion": self.answer.digest})
         if isinstance(self.answer, LeapPlan):
             from ..problem.leap_json import leap_to_json  # of leaps alone
 
@@ -301,7 +314,7 @@ class Report(Generic[S]):
             return f"rejected: {self.defect}"
         if isinstance(self.answer, Certificate):
             return self.groups[0].message
-        line = self._walk_line() if isinstance(self.answer, Trajectory) else self._contacts_line()
+        line = self._walk_line() if isinstance(self.answer, Trajectory | MotionTable) else self._contacts_line()
         return f"{line}; cannot be executed: {self.hindrance}" if self.accepted and self.hindrance else line
 
     def _contacts_line(self) -> str:
@@ -367,7 +380,7 @@ class Report(Generic[S]):
         if isinstance(self.answer, Certificate):
             return {"accepted": self.accepted, **_finite(self.figures), "message": self.message}
         head = {"accepted": self.accepted, "message": self.message, "digest": self.digest}
-        if isinstance(self.answer, Trajectory):
+        if isinstance(self.answer, Trajectory | MotionTable):
             return {
                 **head,
                 "checked": list(self.checked),

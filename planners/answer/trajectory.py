@@ -98,6 +98,16 @@ class Trajectory:
         plain = {name: value if isinstance(value, str) else float(value) for name, value in self.provenance.items()}
         object.__setattr__(self, "provenance", plain)
 
+    def __repr__(self) -> str:
+        over = f" over {self.terrain.name}" if self.terrain.name else ""
+        return f"Trajectory({self.robot.name}{over}: {self.duration_s:.3g} s in {self.samples} samples)"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from .html import walk_html
+
+        return walk_html(self)
+
     @property
     def samples(self) -> int:
         """K, how many samples there are."""

@@ -30,7 +30,7 @@ class FileCheck:
     """
 
     path: str
-    kind: Literal["plan", "no-plan", "no-posture", "leap", "no-leap", "gait"]
+    kind: Literal["plan", "no-plan", "no-posture", "leap", "no-leap", "gait", "motion"]
     report: Report[Any]
     message: str
     same: bool = True
@@ -45,7 +45,7 @@ class FileCheck:
         """Return JSON-ready values."""
         verdict = "accepted" if self.accepted else "refused"
         record = {"where": self.path, "kind": self.kind, "verdict": verdict}
-        if self.kind == "gait":
+        if self.kind in ("gait", "motion"):
             return {**record, **self.report.to_json()}
         if self.kind in ("plan", "leap"):
             return {**record, "message": self.message, "report": self.report.to_json()}

@@ -9,7 +9,6 @@ from ..answer.leap_plan import LeapPlan
 from ..cached import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
-from ..robot.legged import foot_radii
 from ..robot.rotation import rotations_of
 from .motion import Samples
 
@@ -27,7 +26,7 @@ class LeapMotion:
         self.solids = tuple(patch.solid for patch in patches)
         self._normals = np.array([patch.normal for patch in patches])
         self._friction = np.array([patch.friction for patch in patches])
-        self._radii = foot_radii(leap.robot)
+        self._radii = leap.robot.source.foot_radii_m
         self._holds = leap.holds[leap.interval_phases]
 
     @property

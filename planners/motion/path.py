@@ -16,7 +16,6 @@ from ..answer.plan import Plan
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..robot.legged import foot_radii
 from ..terrain.prism import Solids
 from .swing import clear_swing
 
@@ -104,7 +103,7 @@ class PlanPath:
         self._around = Solids(self.solids)
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
         self.normals = np.array([patch.normal for patch in patches])
-        self.radii_m = foot_radii(course.robot)
+        self.radii_m = course.robot.source.foot_radii_m
         radii = self.radii_m[[self._names.index(each.limb) for each in course.footholds]]
         self.feet_m = plan.toes_m + radii[:, None] * self.normals
         self._holds = np.asarray(course.holds)

@@ -26,7 +26,7 @@ from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 STRIDE = 0.5
 """Way of the body until all limbs have moved once, in reaches."""

@@ -23,7 +23,7 @@ from .posture import FORMAT as POSTURE
 from .problem import Problem
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 
 def read_course(

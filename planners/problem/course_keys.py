@@ -22,7 +22,7 @@ from .problem import MOST_FRAMES, StepLimits
 from .terrain_spec import ROOM_M, SolePoints
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
     from ..robot.robot_model import RobotModel
 
 AS_IT_STANDS = 0.3
@@ -262,7 +262,7 @@ class CourseSpec(_Keys):
         Without a model as it is."""
         if model is None:
             return self
-        from ..robot.contact_robot import standing_toes
+        from ..robot.reach_sets import standing_toes
 
         update: dict[str, Any] = {}
         if "margin_m" not in self.candidates.model_fields_set or self.candidates.everywhere:
@@ -296,9 +296,8 @@ class CourseSpec(_Keys):
             return self._given.sets(sets)
         if model is not None:
             from ..robot.contact_robot import contact_robot
-            from ..robot.workspace_cache import workspaces_of
 
-            return contact_robot(model, workspaces_of(model), sets)
+            return contact_robot(model, sets=sets)
         own = hexapod() if isinstance(self.robot, str) else self.robot.make()
         return own if self.mass_kg is None else replace(own, mass_kg=self.mass_kg)
 

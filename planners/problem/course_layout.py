@@ -23,7 +23,7 @@ from .toe_offset import toe_offset
 from .wrench import at_point
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 TOE_M = 0.02
 """Two toes do not fit on a patch that is nowhere wider than this [m]."""

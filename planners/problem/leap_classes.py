@@ -14,7 +14,8 @@ from ..files.documents import read_yaml
 from ..files.validation import validated
 from ..robot.leg_limits import leaping_robot
 from ..robot.model import LegLimits, Limb, Robot
-from ..terrain.families import SCENE, family_terrain
+from ..terrain.families import family_terrain
+from ..terrain.family import SCENE
 from ..terrain.patch import Patch
 from ..terrain.polygon import VOID_M
 from ..terrain.terrain import Terrain

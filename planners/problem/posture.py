@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -11,9 +11,6 @@ from ..files.arrays import Array, checked, collect_errors, read_only
 from ..files.codec import LATER, Within
 from .contact import Contact
 from .wrench import checked_wrench
-
-if TYPE_CHECKING:
-    from .problem import Problem
 
 FORMAT = "stancekit/posture/1"
 TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (paper E §II)
@@ -72,22 +69,10 @@ def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
     return found
 
 
-class Sampler(Protocol):
-    """Anything that draws problems of one frame."""
-
-    def sample(self, rng: np.random.Generator) -> Problem:
-        """Draw one."""
-        ...
-
-
 if not TYPE_CHECKING:  # or a checker would take any name for one that there is
 
     def __getattr__(name: str) -> Any:
         """The names of before, for one release."""
         if name == "Contact":
             return Contact
-        if name == "PostureProblem":
-            from .old import renamed
-
-            return renamed(name, __name__)
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

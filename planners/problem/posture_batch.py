@@ -1,10 +1,10 @@
-"""Posture problems in batches: one robot on B sets of patches, as arrays, validated at once."""
+"""Posture problems from a sampler, and in batches: one robot on B sets of patches, as arrays, validated at once."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,14 @@ from .problem import Problem
 Value = TypeVar("Value")
 OF_PATCHES = ("regions", "offsets_m")
 """What a problem has worked out of its patches."""
+
+
+class Sampler(Protocol):
+    """Anything that draws problems of one frame."""
+
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """Draw one."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from .scene_layout import build_scene
 from .scene_robot import other_robot, published_robot
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 
 def read_scene(

@@ -18,7 +18,7 @@ from .posture import TILT_LIMIT_RAD
 from .scene_keys import SceneSpec
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 BOXES = "anymal"
 """A robot by the boxes of reach that walks have (``configs/robots/anymal.yaml``)."""
@@ -50,14 +50,13 @@ def other_robot(
     else:
         from ..robot.contact_robot import contact_robot
         from ..robot.robot_file import named_robot
-        from ..robot.workspace_cache import workspaces_of
 
         if isinstance(robot, Robot):
             model = robot.model
             assert model is not None
         else:
             model = named_robot(folder / robot if Path(robot).suffix else robot)
-        made = contact_robot(model, workspaces_of(model), sets)
+        made = contact_robot(model, sets=sets)
         if spec.ours.sole_m is not None:
             sole = np.array(spec.ours.sole_m)
             limbs = tuple(

@@ -383,9 +383,7 @@ class Bodies:
         ]  # fmt: skip
         return tuple(dict.fromkeys((one, other) for one, other in named))
 
-    def _distances(
-        self, placed: tuple[Array, Array], *, terrain: bool = False
-    ) -> Callable[[int, int, int], float]:
+    def _distances(self, placed: tuple[Array, Array], *, terrain: bool = False) -> Callable[[int, int, int], float]:
         """The function of a moment, a shape and another one, or a part of the terrain, that measures how far they are
         apart, negative where one is inside the other [m].
 

@@ -75,9 +75,7 @@ Fits = dict[bytes, tuple[Array, float] | None]
 """``fitted_ball`` of hulls by their corners, each tried once."""
 
 
-def placed_shapes(
-    shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]], fits: Fits
-) -> list[PlacedShape]:
+def placed_shapes(shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]], fits: Fits) -> list[PlacedShape]:
     """The shapes of the links of one body.
 
     places: rotation and origin of every link of the body in the last joint's frame, by name.
@@ -100,16 +98,10 @@ def placed_shapes(
 def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
     """What a leg whose last body has these shapes touches with; None for a body without shapes."""
     balls, others = list[tuple[float, Touch]](), list[tuple[float, Touch]]()
-    unread = [
-        piece.shape
-        for piece in pieces
-        if piece.shape.kind == "mesh" and piece.shape.corners_m is None
-    ]
+    unread = [piece.shape for piece in pieces if piece.shape.kind == "mesh" and piece.shape.corners_m is None]
     for piece in pieces:
         for centre, radius_m in piece.balls:
-            found = Touch(
-                link=piece.shape.link, centre_m=centre, radius_m=radius_m, index=piece.index
-            )
+            found = Touch(link=piece.shape.link, centre_m=centre, radius_m=radius_m, index=piece.index)
             balls.append((float(np.linalg.norm(centre)) + radius_m, found))
         if not piece.balls and (points := shape_points(piece.shape)) is not None:
             ends = piece.origin_m + points @ piece.rotation.T
@@ -136,9 +128,7 @@ def _farthest(piece: PlacedShape) -> Array:
     return np.asarray(piece.origin_m + turn @ (piece.shape.far_m - piece.shape.origin_m))
 
 
-def _balls(
-    shape: Shape, rotation: Array, origin_m: Array, fits: Fits
-) -> tuple[tuple[Array, float], ...]:
+def _balls(shape: Shape, rotation: Array, origin_m: Array, fits: Fits) -> tuple[tuple[Array, float], ...]:
     """Centre, shape (3,), and radius [m] of every ball that a shape is, or ends in."""
     if shape.kind == "sphere":
         return ((origin_m, float(shape.size_m[0])),)
@@ -176,14 +166,9 @@ def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | N
 def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
     """Whether a leg's foot is this shape: a ball, or a capsule with its end, at the leg's own end."""
     mount = mounts[shape.link]
-    if (
-        shape.kind not in ("sphere", "capsule")
-        or abs(float(shape.size_m[0]) - leg.radius_m) > SAME_M
-    ):
+    if shape.kind not in ("sphere", "capsule") or abs(float(shape.size_m[0]) - leg.radius_m) > SAME_M:
         return False
-    balls = _balls(
-        shape, mount.rotation @ shape.rotation, mount.origin_m + mount.rotation @ shape.origin_m, {}
-    )
+    balls = _balls(shape, mount.rotation @ shape.rotation, mount.origin_m + mount.rotation @ shape.origin_m, {})
     return any(float(np.linalg.norm(centre - leg.chain.tip_m)) < SAME_M for centre, _ in balls)
 
 
@@ -194,11 +179,7 @@ def feet_of(shapes: Sequence[Shape], legs: Sequence[Leg], mounts: Mapping[str, M
     for shape in shapes:
         mount = mounts[shape.link]
         leg = None if mount.leg is None else ends.get((mount.leg, mount.joint))
-        found.append(
-            mount.leg
-            if mount.leg is not None and leg is not None and touching(leg, mounts, shape)
-            else -1
-        )
+        found.append(mount.leg if mount.leg is not None and leg is not None and touching(leg, mounts, shape) else -1)
     return found
 
 
@@ -220,9 +201,7 @@ def with_balls(
     )
     changed = list[str]()
     for leg, index in zip(legs, indices, strict=True):
-        if leg.radius_m <= 0.0 or any(
-            touching(leg, mounts, shape) for shape in shapes if shape.link == leg.foot
-        ):
+        if leg.radius_m <= 0.0 or any(touching(leg, mounts, shape) for shape in shapes if shape.link == leg.foot):
             continue
         link, mount = links[leg.foot], mounts[leg.foot]
         gone = None if leg.contact is not None or index < 0 else elements[index][1]
@@ -236,9 +215,7 @@ def with_balls(
             link.remove(gone)
         middle = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m)
         collision = SubElement(link, "collision")
-        SubElement(
-            collision, "origin", {"xyz": " ".join(repr(round(float(x), DIGITS)) for x in middle)}
-        )
+        SubElement(collision, "origin", {"xyz": " ".join(repr(round(float(x), DIGITS)) for x in middle)})
         SubElement(
             SubElement(collision, "geometry"),
             "sphere",
@@ -248,9 +225,7 @@ def with_balls(
     return ElementTree.tostring(root, encoding="unicode") if changed else "", tuple(changed)
 
 
-def check_contacts(
-    legs: Sequence[Leg], name: str, shapes: Sequence[Shape], mounts: Mapping[str, Mount]
-) -> None:
+def check_contacts(legs: Sequence[Leg], name: str, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> None:
     """Raise InvalidInput for legs of which nobody knows what touches, with an example of what a YAML file may say."""
     doubts = dict[str, list[str]]()
     for leg in legs:
@@ -268,9 +243,7 @@ def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> 
     """The key of a YAML file for a leg's foot: the ball nearest to its shape, or the point at its end."""
     solid = solid_shapes([shape for shape in shapes if shape.link == leg.foot])
     corners = [
-        shape.origin_m + points @ shape.rotation.T
-        for shape in solid
-        if (points := shape_points(shape)) is not None
+        shape.origin_m + points @ shape.rotation.T for shape in solid if (points := shape_points(shape)) is not None
     ]
     mount = mounts[leg.foot]
     middle, radius_m = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m), 0.0
@@ -315,9 +288,7 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
     least = radius_m - min(ROUND * radius_m, FARTHER_M)
     if not float(np.quantile(away, NECK)) >= least:
         return None
-    some = points_m[
-        :: 1 + len(points_m) // ENOUGH
-    ]  # whether its planes are a ball's is as clear of fewer corners
+    some = points_m[:: 1 + len(points_m) // ENOUGH]  # whether its planes are a ball's is as clear of fewer corners
     try:
         hull = ConvexHull(some)
     except (QhullError, ValueError):

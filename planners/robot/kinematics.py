@@ -1,4 +1,4 @@
-"""Inverse kinematics and joint torques of a robot's legs (extra ``kin``: pinocchio on the URDF of ``legged_model``).
+"""Inverse kinematics and joint torques of a robot's legs (extra ``kin``: pinocchio on the URDF of ``Robot.legs``).
 
 Arrays of joints are in the model's order. Feet are found by damped least squares, all legs at once, inside the joint
 limits. Legs that are drawn up begin at closed-form postures and their free joint is drawn towards a comfortable one; a
@@ -20,7 +20,6 @@ from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .joint_answer import JointAnswer
 from .leg import Mount
 from .leg_ik import limb_postures
-from .legged import foot_radii, legged_model
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo
@@ -47,9 +46,9 @@ class Kinematics:
     def __init__(self, robot: Robot, servo: Servo | None = None, *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
         self._pin = pin = pinocchio()
         self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
-        self.model = legged_model(robot, self.servo)
+        self.model = robot.source.legs(self.servo)
         own, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
-        self.joints, self.radii_m = self.model.joint_names, foot_radii(robot)
+        self.joints, self.radii_m = self.model.joint_names, robot.source.foot_radii_m
         self.rotor_kg_m2 = self.model.drive[2]
         self.lower_rad, self.upper_rad = (np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad"))
         self.torque_nm, self.velocity_rad_s = (
@@ -155,7 +154,7 @@ class Kinematics:
         near = None if seed is None else read_only(seed, (len(self.joints),), "seed")
         if self.drawn:
             wished = limb_postures(
-                self.robot, self.servo, feet, -out @ turn, near=None if near is None else near.reshape(count, -1),
+                self.robot.limbs, self.servo, feet, -out @ turn, near=None if near is None else near.reshape(count, -1),
                 pose=(com, turn), obstacles=obstacles,
             )  # fmt: skip
         else:

@@ -12,9 +12,10 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..terrain.prism import Solid, Solids
-from .model import Robot
+from .drawn_legs import link_lengths, outward_rad
+from .limb import Limb
 from .rotation import rotation_of
-from .urdf import JOINTS, Servo, link_lengths, outward_rad
+from .servo import JOINTS, Servo
 
 Clearance = Callable[[Array], Array]
 SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]
@@ -84,7 +85,7 @@ def posture_cost(
 
 
 def limb_postures(
-    robot: Robot,
+    limbs: Sequence[Limb],
     servo: Servo,
     feet: Array,
     approach: Array,
@@ -99,15 +100,15 @@ def limb_postures(
     the world, where the obstacles are: its origin, shape (3,) [m], and R_WB.
     """
     origin, turn = pose
-    frames = np.array([rotation_of([0.0, 0.0, outward_rad(limb)]) for limb in robot.limbs])
-    shoulders = np.array([limb.shoulder_m for limb in robot.limbs])
+    frames = np.array([rotation_of([0.0, 0.0, outward_rad(limb)]) for limb in limbs])
+    shoulders = np.array([limb.shoulder_m for limb in limbs])
     targets, ways = ((part[:, None] @ frames)[:, 0] for part in (feet - shoulders, approach))
-    found = np.empty((len(robot.limbs), len(JOINTS)))
-    for reach_m in {limb.reach_m: None for limb in robot.limbs}:  # limbs of a size at once
-        its = np.array([i for i, limb in enumerate(robot.limbs) if limb.reach_m == reach_m])
+    found = np.empty((len(limbs), len(JOINTS)))
+    for reach_m in {limb.reach_m: None for limb in limbs}:  # limbs of a size at once
+        its = np.array([i for i, limb in enumerate(limbs) if limb.reach_m == reach_m])
         clearance = clearance_of(origin + shoulders[its] @ turn.T, turn @ frames[its], obstacles, NEAR * reach_m)
         family, cost = posture_cost(
-            link_lengths(robot.limbs[its[0]]), targets[its], ways[its], servo,
+            link_lengths(limbs[its[0]]), targets[its], ways[its], servo,
             near=None if near is None else near[its], clearance=clearance,
         )  # fmt: skip
         found[its] = family[np.arange(len(its)), np.argmin(cost, axis=1)]

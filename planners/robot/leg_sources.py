@@ -7,6 +7,7 @@ There is one class for each, and every question whose answer depends on legs is 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from .model_json import model_to_json
 from .servo import FOOT_RADIUS_M, JOINTS, Servo
 
 if TYPE_CHECKING:
-    from .model import Robot
+    from .limb import Limb
     from .robot_model import RobotModel
 
 NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs: {})"
@@ -163,41 +164,44 @@ class OwnLegs(LegSource):
 class DrawnLegs(LegSource):
     """Legs of four joints that are drawn up for every limb, and the servo that drives them."""
 
-    def __init__(self, robot: Robot, servo: Servo, *, said: bool) -> None:
-        super().__init__(robot.name, len(robot.limbs))
-        self.robot, self.servo, self._said = robot, servo, said
+    def __init__(
+        self, name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo, identity: str = "", *, said: bool
+    ) -> None:
+        super().__init__(name, len(limbs))
+        self._mass_kg, self._limbs, self._servo = mass_kg, limbs, servo
+        self._identity, self._said = identity, said
 
     def legs(self, servo: Servo | None = None) -> RobotModel:
-        """The model of ``hexapod_urdf``, which is kept."""
-        from .legged import drawn_model  # slow to import
+        """The model of ``drawn_urdf``, which is kept."""
+        from .drawn_model import drawn_model  # slow to import
 
-        return drawn_model(self.robot, servo or self.servo)
+        return drawn_model(self.name, self._mass_kg, self._limbs, servo or self._servo)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Yaw, hip, roll and knee of every limb, e.g. ``LF_yaw``."""
-        return tuple(f"{limb.name}_{joint}" for limb in self.robot.limbs for joint in JOINTS)
+        return tuple(f"{limb.name}_{joint}" for limb in self._limbs for joint in JOINTS)
 
     @property
     def foot_names(self) -> tuple[str, ...]:
         """Links whose frames are the centres of the feet, e.g. ``LF_foot``."""
-        return tuple(f"{limb.name}_foot" for limb in self.robot.limbs)
+        return tuple(f"{limb.name}_foot" for limb in self._limbs)
 
     @property
     def hindrance(self) -> str:
         """The reason why its legs cannot be drawn up."""
-        from .urdf import hexapod_urdf  # which imports the robot
+        from .drawn_legs import drawn_urdf  # asked for by few
 
         try:
-            hexapod_urdf(self.robot, self.servo)
+            drawn_urdf(self.name, self._mass_kg, self._limbs, self._servo)
         except InvalidInput as error:
             return str(error)
         return ""
 
     def to_json(self) -> dict[str, Any]:
         """The identity, and the servo where the limbs do not say it, as those of the default hexapod do."""
-        named = {"identity": self.robot.identity} if self.robot.identity else {}
-        return named | ({"legs": to_json(self.servo)} if self._said else {})
+        named = {"identity": self._identity} if self._identity else {}
+        return named | ({"legs": to_json(self._servo)} if self._said else {})
 
 
 class NoLegs(LegSource):

@@ -52,9 +52,7 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
         mass = 0.0 if element is None else float(element.get("value", "0"))
         element = inertial.find("inertia")
         names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        entries = (
-            [0.0] * 6 if element is None else [float(element.get(name, "0")) for name in names]
-        )
+        entries = [0.0] * 6 if element is None else [float(element.get(name, "0")) for name in names]
     except ValueError:
         raise InvalidInput(f"{where}: expected a mass and moments of inertia in numbers") from None
     if not np.isfinite([mass, *entries]).all():
@@ -133,9 +131,7 @@ def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -
 
 def _first(mounts: Mapping[str, Mount], leg: int | None, joint: int) -> str:
     """A link that a joint, or none, carries."""
-    return next(
-        (name for name, mount in mounts.items() if (mount.leg, mount.joint) == (leg, joint)), "?"
-    )
+    return next((name for name, mount in mounts.items() if (mount.leg, mount.joint) == (leg, joint)), "?")
 
 
 def wrong_links(root: Element) -> str:

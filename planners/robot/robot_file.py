@@ -16,7 +16,6 @@ from ..files.documents import read_text, read_yaml
 from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
 from .leg import FootContact
-from .legged import legged_model
 from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
 from .urdf_reader import JointCorrection, Number, Positive, built
@@ -106,10 +105,9 @@ def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Ro
     if str(robot) in BUILT_IN and srdf is None:
         return hexapod()
     from .contact_robot import contact_robot
-    from .workspace_cache import workspaces_of  # measures legs, which is slow to import
 
     model = named_robot(robot, srdf=srdf)
-    return contact_robot(model, workspaces_of(model))
+    return contact_robot(model)
 
 
 def robot_path(name: str | Path) -> Path:
@@ -127,7 +125,7 @@ def unknown(name: str | Path, built_in: Sequence[str]) -> InvalidInput:
 
 def hexapod_model() -> RobotModel:
     """The default robot as one URDF among others: six limbs of four joints."""
-    return legged_model(hexapod()).changed(servo=None)
+    return hexapod().legs.changed(servo=None)
 
 
 def read_keys(path: Path) -> RobotKeys:

@@ -1,31 +1,13 @@
-"""The robot as a URDF: every limb a ball of three joints at the shoulder and a knee, primitive shapes, spherical feet.
-
-Made from the numbers that the planners know (``Robot``), so that what is planned, checked and simulated is one robot.
-Paper E takes the centre of mass at the body's origin: nearly all of the mass is in the body, the limbs are light.
-"""
+"""The robot as a URDF, made from the numbers that planners know: planned, checked and simulated is one robot."""
 
 from __future__ import annotations
 
-from html import escape
-
-import numpy as np
-
 from ..errors import InvalidInput
-from ..files.arrays import Array
-from .model import Limb, Robot
+from .drawn_legs import drawn_urdf
+from .model import Robot
 from .servo import FOOT_RADIUS_M, JOINTS, Servo
 
-__all__ = [
-    "FOOT_RADIUS_M", "JOINTS", "Servo", "foot_names", "hexapod_urdf", "joint_names", "link_lengths", "outward_rad",
-]  # fmt: skip
-
-LINKS = (0.54, 0.53)
-"""Lengths of thigh and shank in units of the limb's reach. Their sum leaves 7 % for the foot's radius and keeps the leg
-from being straight at the edge of its workspace."""
-LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "foot": 0.001}
-"""Mass of a limb's links in units of the robot's mass: six limbs are 10.8 % of it."""
-LINK_RADIUS_M = 0.009
-BODY_HEIGHT_M = 0.06
+__all__ = ["FOOT_RADIUS_M", "JOINTS", "Servo", "hexapod_urdf", "joint_names"]
 
 
 def joint_names(robot: Robot) -> tuple[str, ...]:
@@ -34,101 +16,11 @@ def joint_names(robot: Robot) -> tuple[str, ...]:
     return robot.source.joint_names
 
 
-def foot_names(robot: Robot) -> tuple[str, ...]:
-    """Names of the foot links, in the robot's order; where legs are drawn up, their frames are the spheres' centres.
-
-    Raises InvalidInput for a robot whose legs are not known.
-    """
-    return robot.source.foot_names
-
-
-def link_lengths(limb: Limb) -> Array:
-    """Thigh and shank, shape (2,) [m]; from the shoulder's centre to the foot's."""
-    return np.array(LINKS) * limb.reach_m
-
-
-def outward_rad(limb: Limb) -> float:
-    """Azimuth of the limb's plane at yaw 0: away from the body's centre [rad]."""
-    return float(np.arctan2(limb.shoulder_m[1], limb.shoulder_m[0]))
-
-
 def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: bool = False) -> str:
-    """The URDF of a robot with any number of limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``.
+    """The URDF of a robot with any number of limbs, see ``drawn_urdf``.
 
-    servo: of every joint, in place of the robot's own. rotors_in_links: add the rotors' inertia to the links, about
-    every axis so that a simulator takes it for a body's; for those that know no inertia of rotors. URDF is in SI units.
-    Raises InvalidInput for what the
-    legs drawn up here do not have: feet that are soles, and half-spaces of reach; and for a robot with its own legs.
+    servo: of every joint, in place of the robot's own. Raises InvalidInput also for a robot with its own legs.
     """
     if robot.source.own:
         raise InvalidInput(f"robot {robot.name}: expected none of its own to draw legs up for it, it has its file's")
-    if any(limb.sole_m is not None for limb in robot.limbs):
-        raise InvalidInput(f"robot {robot.name}: expected point feet for a URDF of its own, got soles")
-    if any(limb.reach_rows is not None for limb in robot.limbs):
-        raise InvalidInput(
-            f"robot {robot.name}: expected balls of reach for a URDF of its own, got half-spaces without the "
-            f"robot's own legs, as a course has them that names a robot's file"
-        )
-    servo = servo or robot.servo
-    rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0
-    shares = sum(LIMB_SHARES.values()) * len(robot.limbs)
-    radius = 0.75 * max(float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in robot.limbs])), 0.04)
-    mass = robot.mass_kg * (1.0 - shares)
-    side, axial = mass * (3.0 * radius**2 + BODY_HEIGHT_M**2) / 12.0, mass * radius**2 / 2.0
-    body = _link("body", mass, (side, side, axial), 0.0, f'<cylinder radius="{radius:.9g}" length="{BODY_HEIGHT_M}"/>')
-    limbs = [part for limb in robot.limbs for part in _limb(limb, robot.mass_kg, servo, rotor)]
-    return "\n".join(['<?xml version="1.0"?>', f"<robot name={_quoted(robot.name)}>", body, *limbs, "</robot>", ""])
-
-
-def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
-    """Links and joints of one limb."""
-    name, lengths = limb.name, link_lengths(limb)
-    mass = {link: share * mass_kg for link, share in LIMB_SHARES.items()}
-    parts = [
-        _link(f"{name}_{link}", mass[link], (0.4 * mass[link] * 0.02**2 + rotor,) * 3, 0.0, '<sphere radius="0.02"/>')
-        for link in ("coxa", "hip")
-    ]
-    for link, length in zip(("thigh", "shank"), lengths, strict=True):
-        along = mass[link] * LINK_RADIUS_M**2 / 2.0
-        across = mass[link] * (length**2 / 12.0 + LINK_RADIUS_M**2 / 4.0)
-        shape = f'<cylinder radius="{LINK_RADIUS_M}" length="{length:.9g}"/>'
-        inertia = (along + rotor, across + rotor, across + rotor)
-        parts.append(_link(f"{name}_{link}", mass[link], inertia, 0.5 * length, shape))
-    grain = 0.4 * mass["foot"] * FOOT_RADIUS_M**2
-    parts.append(_link(f"{name}_foot", mass["foot"], (grain,) * 3, 0.0, f'<sphere radius="{FOOT_RADIUS_M}"/>'))
-    chain = ("body", f"{name}_coxa", f"{name}_hip", f"{name}_thigh", f"{name}_shank")
-    axes = ("0 0 1", "0 1 0", "1 0 0", "0 1 0")
-    for i, joint in enumerate(JOINTS):
-        x, y, z = limb.shoulder_m if joint == "yaw" else (lengths[0] if joint == "knee" else 0.0, 0.0, 0.0)
-        parts.append(
-            f'<joint name={_quoted(f"{name}_{joint}")} type="revolute"><parent link={_quoted(chain[i])}/>'
-            f"<child link={_quoted(chain[i + 1])}/>"
-            f'<origin xyz="{x:.12g} {y:.12g} {z:.12g}" rpy="0 0 {outward_rad(limb) if i == 0 else 0.0:.15g}"/>'
-            f'<axis xyz="{axes[i]}"/>'
-            f'<limit lower="{servo.lower_rad[i]}" upper="{servo.upper_rad[i]}" effort="{servo.torque_nm}" '
-            f'velocity="{servo.velocity_rad_s}"/></joint>'
-        )
-    parts.append(
-        f'<joint name={_quoted(f"{name}_tip")} type="fixed"><parent link={_quoted(chain[-1])}/>'
-        f"<child link={_quoted(f'{name}_foot')}/>"
-        f'<origin xyz="{lengths[1]:.12g} 0 0"/></joint>'
-    )
-    return parts
-
-
-def _link(name: str, mass: float, inertia: tuple[float, ...], middle: float, shape: str) -> str:
-    """A link whose mass and shape are centred at x = middle; a cylinder lies along x, but the body's stands."""
-    lies = ' rpy="0 1.5707963267948966 0"' if name != "body" and shape.startswith("<cylinder") else ""
-    origin = f'<origin xyz="{middle:.12g} 0 0"{lies}/>'
-    xx, yy, zz = inertia
-    return (
-        f'<link name={_quoted(name)}><inertial><origin xyz="{middle:.12g} 0 0"/><mass value="{mass:.12g}"/>'
-        f'<inertia ixx="{xx:.9g}" ixy="0" ixz="0" iyy="{yy:.9g}" iyz="0" izz="{zz:.9g}"/></inertial>'
-        f"<visual>{origin}<geometry>{shape}</geometry></visual>"
-        f"<collision>{origin}<geometry>{shape}</geometry></collision></link>"
-    )
-
-
-def _quoted(name: str) -> str:
-    """A name as the value of an attribute, quotes included."""
-    return f'"{escape(name)}"'
+    return drawn_urdf(robot.name, robot.mass_kg, robot.limbs, servo or robot.servo, rotors_in_links=rotors_in_links)

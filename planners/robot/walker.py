@@ -17,9 +17,10 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
-from .contact_robot import contact_robot, standing_toes
+from .contact_robot import contact_robot
 from .model import Robot
 from .polytope import Polytope
+from .reach_sets import standing_toes
 from .robot_file import YAML, model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel
 from .single_body import DEEPEST, Foot, GaitRobot, anymal, half_sides, hexapod_walker, legged_anymal

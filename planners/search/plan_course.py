@@ -30,7 +30,7 @@ from .pieces import Detour, Kept, Pieces, Progress, in_pieces, plan_pieces
 from .plan_window import Standing
 
 if TYPE_CHECKING:
-    from ..robot.contact_robot import Sets
+    from ..robot.reach_sets import Sets
 
 LayOut = Callable[["Sets", Alternative], Problem]
 """A function that lays a course out over the inner or the outer sets of the robot's legs, in one of several ways."""

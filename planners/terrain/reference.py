@@ -19,10 +19,7 @@ from ..files.arrays import Array, read_only
 from ..plugins import Registry, split_name, takes
 from .elevation import ElevationMap
 from .families import (
-    SCENE,
     TERRAIN_FAMILIES,
-    WIDE,
-    Shape,
     checked_draw,
     drawn_name,
     drawn_surface,
@@ -31,6 +28,7 @@ from .families import (
     random_heights,
     read_draw,
 )
+from .family import SCENE, WIDE, Shape
 from .heightfield import HeightField
 from .import_options import ImportOptions
 from .terrain_file import read_heights

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,7 +19,7 @@ from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.legged import foot_radii, walking_robot
+from stancekit.planners.robot.legged import walking_robot
 
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
@@ -35,6 +37,7 @@ from .time_parametrization import (
 )
 
 log = logging.getLogger(__name__)
+M = TypeVar("M", PlanMotion, GaitMotion)
 
 
 def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
@@ -44,21 +47,45 @@ def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
     refuse them, and for a leap. The robot's own drives are taken.
     """
     try:
-        match subject:
-            case Plan():
-                kinematics = Kinematics(subject.problem.robot, gravity_m_s2=subject.problem.gravity_m_s2)
-                drives, can = _of_file(kinematics)
-                motion, wished = unhurried_plan(subject, kinematics, can)
-                return timed_plan(motion, wished, kinematics, can, drives)
-            case Trajectory():
-                robot = walking_robot(subject.robot)
-                kinematics = Kinematics(robot, gravity_m_s2=GRAVITY_M_S2)
-                drives, can = _of_file(kinematics)
-                walk = GaitMotion(subject, foot_radii(robot))
-                return timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
+        return joint_motion(subject)
     except InvalidInput as error:
         log.info("the motion is shown without its joints: %s", error)
     return feet_motion(subject)
+
+
+def joint_motion(
+    subject: Plan | Trajectory | LeapPlan, rate_hz: float = RATE_HZ
+) -> TimedMotion[PlanMotion] | TimedMotion[GaitMotion]:
+    """The motion of a plan or a walk with its joints, as ``run`` streams it, so many rows per second.
+
+    Raises InvalidInput where joints are not known or ``run`` would refuse them, and for a leap.
+    """
+    match subject:
+        case Plan():
+            kinematics = Kinematics(subject.problem.robot, gravity_m_s2=subject.problem.gravity_m_s2)
+            drives, can = _of_file(kinematics)
+            motion, wished = unhurried_plan(subject, kinematics, can)
+            timed = timed_plan(motion, wished, kinematics, can, drives)
+            return _at_rate(timed, kinematics, drives, rate_hz, balanced=False)
+        case Trajectory():
+            robot = walking_robot(subject.robot)
+            kinematics = Kinematics(robot, gravity_m_s2=GRAVITY_M_S2)
+            drives, can = _of_file(kinematics)
+            walk = GaitMotion(subject, robot.source.foot_radii_m)
+            walked = timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
+            return _at_rate(walked, kinematics, drives, rate_hz, balanced=True)
+    raise InvalidInput("joints: expected a plan or a walk, got a leap, whose joints are not known")
+
+
+def _at_rate(
+    timed: TimedMotion[M], kinematics: Kinematics, drives: Drives, rate_hz: float, *, balanced: bool
+) -> TimedMotion[M]:
+    """The same motion in so many rows per second. balanced: as of ``joint_profile``."""
+    if rate_hz == RATE_HZ:
+        return timed
+    wished = timed.profile.wished
+    profile = joint_profile(timed.motion, kinematics, rate_hz, balanced=balanced, drives=drives, wished=wished)
+    return replace(timed, profile=profile)
 
 
 def unhurried_plan(

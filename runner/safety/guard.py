@@ -17,7 +17,6 @@ import numpy as np
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
-from stancekit.planners.robot.legged import legged_model
 
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.contract import check_state, check_world
@@ -143,7 +142,7 @@ class SafeWorld:
         """The world's loops; where it does not say nobody knows what they yield to, and it is sent angles alone."""
         if isinstance(self.world, _Driven):
             return self.world.drives
-        found = Drives.of(self.robot, self.servo, legged_model(self.robot, self.servo))
+        found = Drives.of(self.robot, self.servo, self.robot.source.legs(self.servo))
         return replace(found, yields=False)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:

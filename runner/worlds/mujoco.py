@@ -125,12 +125,17 @@ class MujocoWorld(SimulatedWorld):
         return found
 
     def _compiled(self, terrain: Terrain) -> Any:
+        spec = self.scene(terrain)
+        return spec.compile() if self.contact is None else self._softened(spec)
+
+    def scene(self, terrain: Terrain) -> Any:
+        """The robot over a terrain, an MjSpec that nobody compiled yet."""
         spec = self._spec(self.body.apart if self._touching is None else (*self.body.apart, *self._touching))
         if self._touching is None:
             self._touching = self._touching_at_rest(spec.compile())
             spec = self._spec((*self.body.apart, *self._touching))
         self._lay(spec, terrain)
-        return spec.compile() if self.contact is None else self._softened(spec)
+        return spec
 
     def _spec(self, apart: Sequence[tuple[str, str]]) -> Any:
         """The robot alone. apart: pairs of its links that never collide."""

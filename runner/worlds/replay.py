@@ -12,7 +12,6 @@ import numpy as np
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from .capabilities import WorldCapabilities
@@ -52,7 +51,7 @@ class ReplayWorld(LatchedWorld):
                 raise InvalidInput(f"{path}: measurement: expected numbers of {count} joints, got shapes {shapes}")
         if not self._states:
             raise InvalidInput(f"{path}: expected measurements, got none: the run ended before it began")
-        self.drives = _loops(plan, Drives.of(robot, servo, legged_model(robot, servo)), path)
+        self.drives = _loops(plan, Drives.of(robot, servo, robot.source.legs(servo)), path)
         self._sees = bool(plan.get("sees", True))
         self._preloaded = any(each["what"] == LOADED for each in recorded.of("decision"))
         self._row = 0

@@ -14,7 +14,6 @@ from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import Servo
 
 from .capabilities import WorldCapabilities
@@ -52,7 +51,7 @@ class SimulatedWorld(LatchedWorld):
         super().__init__()
         servo = servo or robot.servo
         self.robot, self.servo, self.rate_hz, self.gravity_m_s2 = robot, servo, rate_hz, gravity_m_s2
-        self.model, self.imperfections = legged_model(robot, servo), imperfections
+        self.model, self.imperfections = robot.source.legs(servo), imperfections
         last = len(robot.limbs) - 1
         if outside := set(imperfections.deaf) - set(range(last + 1)):
             raise InvalidInput(f"imperfections.deaf: expected limbs from 0 to {last}, got {min(outside)}")

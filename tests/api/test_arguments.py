@@ -50,7 +50,7 @@ def fine() -> dict[str, dict[str, Any]]:
         "label": {"problems": "wall-3", "folder": "data"}, "fit": {"dataset": "data"},
         "evaluate": {"selector": "e.json", "dataset": "data"}, "load": {"path": "a"},
         "save": {"thing": problem, "path": "a.json"}, "robot": {"source": "hexapod"}, "terrain": {"source": "ripple"},
-        "film": {"motion": walk, "out": "a.mp4"}, "export": {"dataset": "data", "folder": "minari"},
+        "film": {"motion": walk, "out": "a.mp4"}, "export": {"subject": walk, "out": "w.csv"},
         "heights": {"source": "hill"}, "warp": {"terrain": "hill"}, "simulate": {"motion": walk},
         "run": {"motion": walk},
     }  # fmt: skip
@@ -130,8 +130,7 @@ def test_one_posture_problem_is_a_course_of_one_frame():
 
 def test_something_with_sample_is_labelled_by_the_name_of_its_class(tmp_path):
     one, two = (
-        stancekit.label(Slippery(), tmp_path / f"{workers}", rows=(3, 3), workers=workers)
-        for workers in (1, 2)
+        stancekit.label(Slippery(), tmp_path / f"{workers}", rows=(3, 3), workers=workers) for workers in (1, 2)
     )
     assert [p.to_json() for p in one.problems()] == [p.to_json() for p in two.problems()]
     assert one.problem_class == "Slippery"

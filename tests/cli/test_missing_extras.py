@@ -29,7 +29,7 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "ray": (("ray",), ("label wall-3 new --executor ray --feasible 1 --infeasible 1",)),
     "datasets": (
         ("pyarrow", "minari"),
-        ("label wall-3 new --feasible 1 --infeasible 1", "fit rows --out e.json", "export rows minari"),
+        ("label wall-3 new --feasible 1 --infeasible 1", "fit rows --out e.json", "export rows --out minari"),
     ),
     "kin": (
         ("pinocchio",),
@@ -48,7 +48,8 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robots": ((), ("robot go1", "plan stairs --robot go1", "gait ripple --goal 1,0 --robot go1")),
     "dynamixel": (("dynamixel_sdk",), ("run climb.json --world dynamixel --setup servos.yaml",)),
     "ros": (("roslibpy",), ("run climb.json --world ros --setup ros.yaml",)),
-    "log": (("mcap",), ("run climb.json --log run.mcap", "replay run.mcap")),
+    "log": (("mcap",), ("run climb.json --log run.mcap", "replay run.mcap", "export climb.json --to foxglove")),
+    "rerun": (("rerun",), ("export climb.json --to rerun",)),
 }  # fmt: skip
 """By extra: the modules that are hidden, and commands that need one of them."""
 CLOUD = """# .PCD v0.7

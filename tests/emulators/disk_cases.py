@@ -63,7 +63,7 @@ CASES = (
     over("warp", ("warp", "{in}/plain.npy", "--cells", "8,8,3", "--out", "m.npz", "--picture", "m.png")),
     over("gait", (*GAIT, "--out", "walk.json", "--picture", "w.png", "--html", "w.html"), "--friction", "0.7",
          partial=("walk.partial.npz",)),
-    Case(name="export", verb=("export", "{in}/data", "minari"), before=(), once=True, paths=("minari",)),
+    Case(name="export", verb=("export", "{in}/data", "--out", "minari"), before=(), once=True, paths=("minari",)),
     Case(name="train", verb=("train", "{in}/train.yaml", "--out", "run", "--steps", "256", "--resume"),
          before=(("train", "{in}/train.yaml", "--out", "run", "--steps", "128"),), paths=("run",)),
     Case(name="bench gait", verb=(*BENCH, "--out", "bench"), before=(), paths=("bench",)),

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.urdf import foot_names
 from stancekit.runner.worlds.mujoco import MujocoWorld
 from stancekit.runner.worlds.world import State
 
@@ -48,7 +47,7 @@ class SlippingWorld(MujocoWorld):
         if kind == "friction differs":
             self._model.geom_friction[bodies == 0, 0] *= self.share
             return
-        foot = self._model.body(foot_names(self.robot)[self.limb]).id
+        foot = self._model.body(self.robot.source.foot_names[self.limb]).id
         for geom in np.flatnonzero(bodies == foot):
             self._model.geom_priority[geom] = 2  # above the terrain's: now the foot's own friction counts
             self._model.geom_friction[geom, 0] = SLIPPERY

@@ -9,7 +9,6 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import Servo
 from stancekit.runner.control.loop_stiffness import FARTHEST, LoopStiffness
 from stancekit.runner.worlds.drives import Drives
@@ -19,7 +18,7 @@ PERIOD_S = 0.005
 
 
 def drives() -> Drives:
-    return Drives.of(hexapod(), Servo(), legged_model(hexapod(), Servo()))
+    return Drives.of(hexapod(), Servo(), hexapod().source.legs(Servo()))
 
 
 def state(sent: Array, angles: Array, rates: Array) -> State:

@@ -16,7 +16,6 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
-from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.acceptance import Accepted
@@ -64,7 +63,7 @@ def light() -> Plan:
 
 
 def test_a_loop_that_is_sent_a_command_gives_the_torque_at_the_angle() -> None:
-    drives = Drives.of(hexapod(), Servo(), legged_model(hexapod()), SERVOS)
+    drives = Drives.of(hexapod(), Servo(), hexapod().legs, SERVOS)
     q, torque, rate, rising = np.random.default_rng(0).normal(size=(4, 24))
     found = drives.stiffness_nm_rad * (command(drives, q, torque, rate, rising) - q) - drives.damping_nms_rad * rate
     assert found == pytest.approx(torque + drives.rotor_kg_m2 * rising, abs=1e-12)

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, joint_names
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
@@ -177,7 +176,7 @@ def test_gravity_is_the_one_that_was_asked_for(world: World) -> None:
 
 def test_sendable_targets_never_leap() -> None:
     before = np.zeros(24)
-    drives = Drives.of(ROBOT, Servo(), legged_model(ROBOT))
+    drives = Drives.of(ROBOT, Servo(), ROBOT.legs)
     sent = drives.sendable(np.linspace(-9.0, 9.0, 24), before, 0.005)
     assert np.abs(sent - before).max() <= 0.02 + 1e-12
 

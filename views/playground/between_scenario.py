@@ -17,7 +17,7 @@ from stancekit.planners.problem.course_between import course_between
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.file_terrain import FileTerrain
-from stancekit.planners.robot.contact_robot import Sets
+from stancekit.planners.robot.reach_sets import Sets
 
 from .scenario import Grip, Slider
 

@@ -11,7 +11,7 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
-from stancekit.planners.robot.contact_robot import Sets
+from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.terrain.patch import Patch
 
 from .scenario import SURFACE, Grip, Slider

@@ -17,7 +17,7 @@ from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.family_scene import polygon_keys
-from stancekit.planners.robot.contact_robot import Sets
+from stancekit.planners.robot.reach_sets import Sets
 
 from .robot_change import own_kg, with_robot
 from .scenario import SURFACE, Grip, Slider

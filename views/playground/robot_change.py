@@ -10,8 +10,8 @@ import numpy as np
 
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
-from stancekit.planners.robot.contact_robot import standing_toes
 from stancekit.planners.robot.model import hexapod
+from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 
 OURS = ("stance", "gait", "robot", "mass_kg")

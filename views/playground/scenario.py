@@ -10,7 +10,7 @@ from typing import Protocol
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
-from stancekit.planners.robot.contact_robot import Sets
+from stancekit.planners.robot.reach_sets import Sets
 
 SURFACE = "surface"
 """Key of the grip of the surface that was picked, and of the slider of its friction."""

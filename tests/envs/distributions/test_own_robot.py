@@ -17,8 +17,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.codec import to_json
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot import Limb, Robot, hexapod
-from stancekit.planners.robot.contact_robot import standing_toes
 from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.terrain.reference import named_terrain
 from tests.planners.robot.small_urdfs import leg, quadruped, robot

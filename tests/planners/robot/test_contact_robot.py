@@ -11,7 +11,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.plan_joints import plan_angles
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import whole_body
-from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
+from stancekit.planners.robot.contact_robot import contact_robot
+from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.workspace_cache import workspaces_of
@@ -52,7 +53,7 @@ def plan(folder: Path) -> Plan:
 
 def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> None:
     model = named_robot(folder / "dog.urdf")
-    inner, outer = (contact_robot(model, workspaces_of(model), sets) for sets in ("inner", "outer"))
+    inner, outer = (contact_robot(model, sets=sets) for sets in ("inner", "outer"))
     assert inner.limb_names == outer.limb_names == model.leg_names
     assert inner.mass_kg == model.body.mass_kg
     rng = np.random.default_rng(0)

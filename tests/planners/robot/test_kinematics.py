@@ -12,8 +12,9 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.drawn_legs import link_lengths, outward_rad
 from stancekit.planners.robot.leg_ik import directions, swivels
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, link_lengths, outward_rad
+from stancekit.planners.robot.servo import FOOT_RADIUS_M, Servo
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 pytest.importorskip("pinocchio")

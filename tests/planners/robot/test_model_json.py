@@ -14,7 +14,6 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.legged import foot_radii, legged_model
 from stancekit.planners.robot.model_json import MOST_LETTERS
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import urdf_digest_text
@@ -189,15 +188,15 @@ def test_limbs_and_mass_are_those_of_the_model(course: Problem, written: dict[st
 
 def test_a_robot_of_balls_gets_the_legs_that_are_drawn_up_and_another_one_its_own(course: Problem) -> None:
     robot = hexapod()
-    drawn = legged_model(robot)
+    drawn = robot.legs
     assert drawn.digest == named_robot("hexapod").digest
     assert tuple(name for leg in drawn.legs for name in leg.joint_names) == joint_names(robot)
-    np.testing.assert_array_equal(foot_radii(robot), [FOOT_RADIUS_M] * 6)
+    np.testing.assert_array_equal(robot.source.foot_radii_m, [FOOT_RADIUS_M] * 6)
     np.testing.assert_array_equal(robot.origin_m, np.zeros(3))
-    assert legged_model(course.robot) is course.robot.model
-    np.testing.assert_array_equal(foot_radii(course.robot), [0.02] * 3)
+    assert course.robot.legs is course.robot.model
+    np.testing.assert_array_equal(course.robot.source.foot_radii_m, [0.02] * 3)
     few = tuple(replace(limb, reach_m=0.1) for limb in robot.limbs[:2])
     small = Robot(name="crab", mass_kg=2.0, limbs=few, drawn=Servo())
-    for leg, limb in zip(legged_model(small).legs, small.limbs, strict=True):
+    for leg, limb in zip(small.legs.legs, small.limbs, strict=True):
         far = float(np.linalg.norm(leg.nominal_m - limb.shoulder_m))
         assert far == pytest.approx(0.1 * np.hypot(0.15, 0.2) / 0.35, abs=1e-6)

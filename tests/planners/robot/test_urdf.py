@@ -7,7 +7,8 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import Limb, Robot, hexapod
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, foot_names, hexapod_urdf, joint_names, link_lengths
+from stancekit.planners.robot.drawn_legs import link_lengths
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names
 
 
 def parsed(**options: bool) -> ElementTree.Element:
@@ -19,7 +20,7 @@ def test_it_has_four_joints_a_limb_and_a_foot_that_is_a_sphere() -> None:
     moving = [joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"]
     assert moving == list(joint_names(hexapod()))
     assert len(moving) == 24
-    for name in foot_names(hexapod()):
+    for name in hexapod().source.foot_names:
         sphere = root.find(f"link[@name='{name}']/collision/geometry/sphere")
         assert sphere is not None
         assert float(sphere.get("radius", "")) == FOOT_RADIUS_M

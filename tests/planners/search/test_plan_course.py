@@ -18,7 +18,7 @@ from stancekit.planners.errors import TimeEnded
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
-from stancekit.planners.robot.contact_robot import sets_of, with_sets
+from stancekit.planners.robot.contact_robot import sets_of
 from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
@@ -56,7 +56,7 @@ def high(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], Path]:
 def test_a_robots_sets_are_told_from_its_numbers_and_survive_a_file(high: Callable[[float], Path]) -> None:
     course = read_course(high(0.5))
     assert sets_of(course.robot) == "inner"
-    outer = replace(course, robot=with_sets(course.robot, "outer"))
+    outer = replace(course, robot=course.robot.sets("outer"))
     assert sets_of(Problem.from_json(outer.to_json()).robot) == "outer"
     assert sets_of(read_course(high(0.5), sets="outer").robot) == "outer"
     shifted = replace(course.robot.limbs[0], reach_m=course.robot.limbs[0].reach_m + 1e-6)

@@ -1,0 +1,267 @@
+"""Exports: motions in the formats of other programs, and labelled rows as expert data."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.pools import folder_of
+from stancekit.learners.data.export import Exported
+from stancekit.learners.data.origin import rows_of
+from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.arguments import checked
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_int
+from stancekit.planners.files.documents import parse_json, read_json, read_text
+from stancekit.planners.files.writing import check_writable, write_text
+from stancekit.planners.terrain.families import drawn_name, read_draw
+from stancekit.runner.export.formats import FORMATS, Subject, beside, moved_of
+from stancekit.runner.motion.time_parametrization import RATE_HZ
+
+from .walks import walk
+
+Progress = Callable[[int, int], None]
+MINARI = "minari"
+FORMAT_NAMES = (*FORMATS, MINARI)
+"""What ``to`` may be."""
+LEDGER = "motions.jsonl"
+"""In a folder of drawn motions: a line per draw, and what was asked for before them."""
+GOAL_XY_M, DURATION_S, LIMIT_S = (0.8, 0.0), 6.0, 30.0
+"""Of drawn walks: where they end, how long they take, and the processor time of looking for one."""
+MOST_DRAWS = 10
+"""So many draws per motion that is asked for are tried at most, and a few more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportedMotions:
+    """What ``export`` wrote of motions.
+
+    Arguments:
+        paths: the files.
+        refused: of draws that gave no motion, why, and how many.
+        without: why a motion has no joints; empty where it has.
+    Source:
+        None.
+    Example:
+        >>> import stancekit
+        >>> plan = stancekit.plan("walls", frames=2).solution
+        >>> stancekit.export(plan, "climb.csv").paths[0].name
+        'climb.csv'
+    """
+
+    paths: tuple[Path, ...]
+    refused: Mapping[str, int] = field(default_factory=dict)
+    without: str = ""
+
+    @property
+    def refused_share(self) -> float:
+        """Share of the draws that gave no motion."""
+        lost = sum(self.refused.values())
+        return lost / max(1, lost + len(self.paths))
+
+
+@checked
+def export(
+    subject: Dataset | Plan | LeapPlan | Trajectory | str | Path,
+    out: str | Path | None = None,
+    *,
+    to: str | None = None,
+    rate_hz: float = RATE_HZ,
+    count: int | None = None,
+    robot: str | Path = "anymal",
+    room: float = 0.02,
+    progress: Progress | None = None,
+) -> Exported | ExportedMotions:
+    """Write a motion in the format of another program, many of them over drawn terrain, or labelled rows.
+
+    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body, with names.
+
+    Arguments:
+        subject: a plan, a walk or a leap, or the file of one; a family's level as "rough:0.1" with ``count``; or a
+            labelled data set, or its folder.
+        out: the file, or for drawn motions and data sets the folder; a name beside the input where it is None.
+        to: "csv", "npz", "jointtrajectory" (ROS 2; JSON, or YAML by the name of ``out``), "mujoco" (MJCF with key
+            frames), "reference" (mjlab's tracking task), "rerun", "foxglove" (MCAP, and a layout), or "minari" for a
+            data set; None for what the ending of ``out`` says.
+        rate_hz: rows per second, 100 where it is not given; 30 to 200 are usual.
+        count: so many walks over grounds of seeds 0, 1, ...; what is in the folder already is not made again.
+        robot: who walks there, as ``walk`` takes it.
+        room: of a data set, how far each side of the expert's box is moved out, non-dimensional.
+        progress: called with how many are done, and all.
+    Returns:
+        ``ExportedMotions``, or ``Exported`` for a data set.
+    Raises:
+        InvalidInput: for a file that the verifier did not accept, a format of joints where they are not known, a
+            package that is not installed, and where nothing can be written.
+    Source:
+        docs/exports.md names the source of each format.
+    Example:
+        >>> import stancekit
+        >>> plan = stancekit.plan("walls", frames=2).solution
+        >>> stancekit.export(plan, "climb.csv", rate_hz=50.0).paths[0].stat().st_size > 10_000
+        True
+    """
+    if to is not None and to not in FORMAT_NAMES:
+        raise InvalidInput(f"to: expected one of {', '.join(FORMAT_NAMES)}, got {to!r:.40}")
+    path = None if out is None else Path(out)
+    drawn = isinstance(subject, str) and drawn_name(subject) and not Path(subject).exists()
+    if count is not None and not drawn:
+        raise InvalidInput(f"count: expected a family's level with it, as rough:0.1, got {_called(subject)}")
+    if drawn:
+        assert isinstance(subject, str)
+        if count is None:
+            raise InvalidInput(f"count: expected how many motions over {subject}, got none")
+        return _drawn(subject, path, to or "reference", rate_hz, count, str(robot), progress)
+    if _is_rows(subject) or (to == MINARI and isinstance(subject, str | Path)):
+        assert not isinstance(subject, Plan | LeapPlan | Trajectory)
+        return _rows(subject, path, to or MINARI, room, progress)
+    assert not isinstance(subject, Dataset)
+    motion = subject if isinstance(subject, Plan | LeapPlan | Trajectory) else read_accepted(Path(subject))
+    source = _called(subject)
+    chosen = _format(to, path)
+    if path is None:
+        if not isinstance(subject, str | Path):
+            raise InvalidInput(f"out: expected a file for {_called(subject)}, got none")
+        path = beside(Path(subject), chosen)
+    if path.suffix not in FORMATS[chosen].suffixes:
+        raise InvalidInput(f"out: expected a name that ends in {' or '.join(FORMATS[chosen].suffixes)}, got {path}")
+    check_writable(path)
+    moved = moved_of(motion, chosen, rate_hz, source)
+    FORMATS[chosen].write(moved, path)
+    if progress is not None:
+        progress(1, 1)
+    return ExportedMotions(paths=(path,), without=moved.without)
+
+
+def read_accepted(path: Path) -> Subject:
+    """The plan, walk or leap of a file that says that the verifier accepted it. Raises InvalidInput."""
+    from stancekit.planners.formats import leap_file, plan_file, trajectory_file
+    from stancekit.planners.verify.leaps import check_leap
+
+    if plan_file.is_plan_file(path):
+        plan, header = plan_file.read_plan(path)
+        if not (header["verified"] and header["verdict"]["accepted"]):
+            raise InvalidInput(f"{path}: expected a plan that the verifier accepted, this one it rejected")
+        return plan
+    if leap_file.is_leap_file(path):
+        leap = leap_file.read_leap(path).plan
+        if leap is None or not check_leap(leap).accepted:
+            raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")
+        return leap
+    if trajectory_file.is_trajectory(read_json(path)):
+        record = trajectory_file.read_trajectory(path)
+        if not record.verified:
+            raise InvalidInput(f"{path}: expected a gait that the verifier accepted, this one it rejected")
+        return record.trajectory
+    raise InvalidInput(f"{path}: expected a plan, a walk, a leap, or the folder of a data set")
+
+
+def _called(subject: object) -> str:
+    return str(subject) if isinstance(subject, str | Path) else f"a {type(subject).__name__}"
+
+
+def _is_rows(subject: object) -> bool:
+    return isinstance(subject, Dataset) or (isinstance(subject, str | Path) and folder_of(subject).is_dir())
+
+
+def _format(to: str | None, out: Path | None) -> str:
+    """The format that was asked for, or that the file's ending says. Raises InvalidInput."""
+    if to == MINARI:
+        raise InvalidInput("to: expected a format of motions, got minari, which is one of data sets")
+    if to is not None:
+        return to
+    fitting = [] if out is None else [name for name, each in FORMATS.items() if out.suffix in each.suffixes]
+    if not fitting:
+        raise InvalidInput(f"to: expected one of {', '.join(FORMATS)}, got none")
+    return fitting[0]
+
+
+def _rows(subject: Dataset | str | Path, out: Path | None, to: str, room: float, progress: Progress | None) -> Exported:
+    """Labelled rows as a Minari data set."""
+    from stancekit.learners.data.export import export as exported
+
+    if to != MINARI:
+        raise InvalidInput(f"to: expected {MINARI} with a data set, got {to}")
+    rows = rows_of(subject)
+    folder = rows.ledger.folder
+    return exported(rows, out or folder.with_name(f"{folder.name}-{MINARI}"), room=room, progress=progress)
+
+
+def _drawn(
+    level: str, out: Path | None, to: str, rate_hz: float, count: int, robot: str, progress: Progress | None
+) -> ExportedMotions:
+    """Accepted walks over drawn grounds, each a file of a folder; what its ledger says is done is not done again."""
+    checked_int(count, "count", least=1)
+    if to == MINARI:
+        raise InvalidInput("to: expected a format of motions, got minari, which is one of data sets")
+    family, height, first = read_draw(level, "export")
+    if level.count(":") > f"{family}".count(":") + 1:
+        raise InvalidInput(
+            f"export: expected FAMILY:LEVEL with count, whose seeds are drawn, got {level} of seed {first}"
+        )
+    folder = out or Path(f"{level.replace(':', '-').replace('/', '-')}-{to}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
+    asked = {"format": "stancekit/motions/1", "level": level, "to": to, "rate_hz": rate_hz, "robot": robot}
+    ledger = folder / LEDGER
+    lines = list(_ledger(ledger, asked))
+    for seed in range(MOST_DRAWS * (count + 1)):
+        if sum("file" in line for line in lines) >= count:
+            break
+        if seed < len(lines):
+            continue
+        lines.append(_one(f"{family}:{height:g}:{seed}", folder, to, rate_hz, robot))
+        write_text(ledger, "".join(json.dumps(line) + "\n" for line in [asked, *lines]))
+        if progress is not None:
+            progress(min(count, sum("file" in line for line in lines)), count)
+    done = [folder / line["file"] for line in lines if "file" in line][:count]
+    refused = Counter(line["refused"] for line in lines if "refused" in line)
+    if len(done) < count:
+        raise InvalidInput(f"{level}: expected {count} motions, got {len(done)} of {len(lines)} draws: {dict(refused)}")
+    return ExportedMotions(paths=tuple(done), refused=dict(refused))
+
+
+def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]:
+    """What a folder's ledger says of each draw. Raises InvalidInput for one of other motions."""
+    if not path.exists():
+        if any(path.parent.iterdir()):
+            raise InvalidInput(
+                f"{path.parent}: expected a new folder, an empty one or one of drawn motions, found files in it"
+            )
+        return
+    head, *rest = [parse_json(line, str(path)) for line in read_text(path).splitlines()]
+    if head != asked:
+        different = next((name for name in asked if not isinstance(head, dict) or head.get(name) != asked[name]), "")
+        raise InvalidInput(f"{path}: {different}: expected {asked[different]!r}, found motions of another one there")
+    for line in rest:
+        if "file" in line and not (path.parent / line["file"]).exists():
+            raise InvalidInput(f"{path.parent / line['file']}: expected the motion that {LEDGER} names, found nothing")
+        yield line
+
+
+def _one(ground: str, folder: Path, to: str, rate_hz: float, robot: str) -> dict[str, str]:
+    """The walk over one ground: its line of the ledger."""
+    said = {"ground": ground}
+    try:
+        found = walk(ground, GOAL_XY_M, robot=robot, duration_s=DURATION_S, time_limit_s=LIMIT_S)
+    except InvalidInput as error:
+        if str(error).startswith("robot"):
+            raise
+        return {**said, "refused": "no walk can begin or end there", "why": str(error)}
+    if found.solution is None or found.report is None or not found.report.accepted:
+        return {**said, "refused": "no accepted walk was found", "why": found.message}
+    path = folder / f"{ground.replace(':', '-').replace('/', '-')}{FORMATS[to].suffixes[0]}"
+    try:
+        moved = moved_of(found.solution, to, rate_hz, ground)
+    except InvalidInput as error:
+        return {**said, "refused": "run refuses the motion", "why": str(error)}
+    FORMATS[to].write(moved, path)
+    return {**said, "file": path.name}

@@ -1,0 +1,83 @@
+"""One limb of a robot: where it begins, how far it reaches, and what a leg that leaps can do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..files.arrays import Array, checked, checked_name, read_only
+from ..files.codec import LATER, UNWRITTEN
+from ..terrain.sole import checked_sole
+from .reach import ReachRows
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegLimits:
+    """Limits of a leg that moves fast, for leaps.
+
+    hip_m: p_BH, where the leg begins in the body frame, shape (3,) [m]. speed_m_s: largest rate at which hip and toe
+    move apart or together [m/s]; power_w: largest power at the toe, either way [W]; fold_m: least distance of hip and
+    toe [m]. Raises InvalidInput for numbers out of range.
+    """
+
+    hip_m: Array
+    speed_m_s: float = field(default=math.inf, metadata=LATER)
+    power_w: float = field(default=math.inf, metadata=LATER)
+    fold_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hip_m", read_only(self.hip_m, (3,), "leg: hip_m"))
+        for name in ("speed_m_s", "power_w"):
+            value = getattr(self, name)
+            if value != math.inf:
+                object.__setattr__(self, name, checked(value, f"leg: {name}", above=0.0))
+        object.__setattr__(self, "fold_m", checked(self.fold_m, "leg: fold_m", least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limb:
+    """One limb: its shoulder in the body frame (paper E's v, E11) and the radius of its spherical workspace.
+
+    Arguments:
+        name: a word.
+        shoulder_m: p_BS, shape (3,) [m].
+        reach_m: Δ_FK of E11 [m].
+        reach_rows: half-spaces that the toe is in, too; where they alone should count, reach_m is that of a ball which
+            holds them.
+        sole_m: points (forward, left) of a rigid flat foot about its centre, shape (K, 2) [m]; None for a point foot.
+            Reach and steps are of the centre.
+        hip_m: where the leg begins in the body frame, shape (3,) [m]; a surface has to face it. None for the shoulder,
+            which of a leg from a file is the centre of a ball and may be below the ground.
+        leg: limits of its speed, power and length, which leaps ask for; None where nobody says.
+    Raises:
+        InvalidInput: for another name, a wrong shape, a reach that is not positive.
+    Source:
+        Paper E §II, E11.
+    Example:
+        >>> from stancekit import Limb
+        >>> Limb(name="LF", shoulder_m=[0.2, 0.1, 0.0], reach_m=0.4).shoulder_m.shape
+        (3,)
+    """
+
+    name: str
+    shoulder_m: Array
+    reach_m: float
+    reach_rows: ReachRows | None = field(default=None, metadata=LATER)
+    sole_m: Array | None = field(default=None, metadata=LATER)
+    leg: LegLimits | None = field(default=None, metadata=LATER)
+    hip_m: Array | None = field(default=None, metadata=UNWRITTEN)
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "limb name")
+        object.__setattr__(self, "shoulder_m", read_only(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m"))
+        object.__setattr__(self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0))
+        if self.sole_m is not None:
+            object.__setattr__(self, "sole_m", checked_sole(self.sole_m, f"limb {self.name}: sole_m"))
+        if self.hip_m is not None:
+            object.__setattr__(self, "hip_m", read_only(self.hip_m, (3,), f"limb {self.name}: hip_m"))
+
+    def hip_at(self, shoulder_m: Array) -> Array:
+        """Where the leg begins when its shoulder is here, shape (3,) [m]."""
+        return shoulder_m if self.hip_m is None else np.asarray(shoulder_m + self.hip_m - self.shoulder_m)

@@ -1,0 +1,443 @@
+"""The verifier of motions that come from elsewhere: a table of joints and body, a robot, a terrain, and nothing else.
+
+Feet, centre of mass and momentum are those of the robot's own file at the table's joints. Contacts are those of the
+table, or else of feet that are within ``GAP_M`` of the terrain and move neither to nor from it; whether forces that
+carry the motion exist is a program per row: λ ≥ 0 over the edges of friction cones of eight sides, least distance from
+Newton and Euler for the whole robot. Forces of the table are judged, too, where it has some. A group of which the
+table, the robot's file or the terrain does not say enough is named as not checked, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.motion_table import MotionTable
+from ..answer.report import Group, Report
+from ..cached import cached_property
+from ..errors import InvalidInput
+from ..files.arrays import Array, cross
+from ..physics import GRAVITY_M_S2
+from ..robot.kinematics import Kinematics, pinocchio
+from ..robot.model import Robot
+from ..robot.overlaps import WholeBody
+from ..robot.urdf_reader import at_rest, base_joint
+from ..terrain.ground import Ground
+from ..terrain.obstacles import Obstacles
+from ..terrain.patch import Patch
+from .bodies import bodies_report, spaced
+
+GAP_M = 1e-3
+"""A foot so near to the terrain touches it."""
+STILL_M_S = 0.02
+"""A foot that stands moves no faster to or from the terrain."""
+WINDOW_S = 0.2
+"""Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
+EDGES = 8
+"""Of the pyramid in a friction cone."""
+UNITS = {
+    "joints": "rad",
+    "joint_speed": "1",
+    "torque": "1",
+    "contact_gap": "m",
+    "penetration": "m",
+    "slip": "m",
+    "balance": "1",
+    "forces": "1",
+    "cone": "1",
+    "swing_force": "1",
+    "bodies": "m",
+}
+"""The groups in the order of a report, and the unit of what is measured."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionLimits:
+    """What a motion may miss by; forces in units of the weight, moments of weight times stand height.
+
+    joints: beyond a limit [rad]. joint_speed, torque: shares of what the robot's file gives. contact_gap_m,
+    penetration_m: of a foot that stands, of any foot. slip_m: of a standing foot's point of contact since it came down,
+    rolling left out. balance: what no forces in the cones give, mean over ``WINDOW_S``; forces: the same of the forces
+    of the table, which may be those of a body at rest. cone, swing_force: of the table's forces, outside of cones, and
+    on feet that do not stand. bodies_m: of a link in another or in the terrain.
+    """
+
+    joints: float = 1e-3
+    joint_speed: float = 1.0
+    torque: float = 1.0
+    contact_gap_m: float = 3e-3
+    penetration_m: float = 3e-3
+    slip_m: float = 5e-3
+    balance: float = 0.08
+    forces: float = 0.15
+    cone: float = 2e-3
+    swing_force: float = 2e-3
+    bodies_m: float = 1e-4
+
+
+def check_motion(
+    table: MotionTable,
+    robot: Robot,
+    terrain: Sequence[Patch] | Ground,
+    limits: MotionLimits = MotionLimits(),
+    *,
+    gravity_m_s2: float = GRAVITY_M_S2,
+) -> Report[MotionTable]:
+    """Judge a motion; what nobody can know is named as not checked.
+
+    Arguments:
+        table: the motion; joints may be in another order than the robot's.
+        robot: who moves.
+        terrain: patches, or heights.
+        limits: what is accepted.
+        gravity_m_s2: that acts.
+    Raises:
+        InvalidInput: for joints or limbs that are not the robot's, a robot whose legs are not known, no pinocchio.
+    """
+    kinematics = Kinematics(robot, gravity_m_s2=gravity_m_s2)
+    measured = _Measured(_ordered(table, kinematics), kinematics, terrain, limits)
+    most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
+    groups = []
+    for name, unit in UNITS.items():
+        why, found = measured.missing.get(name, ""), _Worst()
+        if not why:
+            try:
+                found = getattr(measured, name)()
+                why = found.why
+            except InvalidInput as error:
+                why = str(error)
+        held = found.value <= most[name]
+        groups.append(
+            Group(
+                name=name,
+                value=found.value,
+                limit=most[name],
+                unit=unit,
+                where=found.where,
+                when=found.time_s,
+                message=why,
+                verdict="not checked" if why and held else "",
+            )
+        )
+    return Report(groups=tuple(groups), answer=table, tolerance=0.0, limits=most)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Worst:
+    """The worst of a group: how much, where, when, and what was not looked at."""
+
+    value: float = 0.0
+    where: str = ""
+    time_s: float | None = None
+    why: str = ""
+
+    @classmethod
+    def of(cls, values: Array, names: Sequence[str], times_s: Array, why: str = "") -> _Worst:
+        """Of a series of shape (T, K), or (T,) of the whole robot."""
+        if values.size == 0:
+            return cls(why=why)
+        table = values.reshape(len(values), -1)
+        row, column = np.unravel_index(int(table.argmax()), table.shape)
+        if table[row, column] <= 0.0:
+            return cls(why=why)
+        where = names[int(column)] if names else ""
+        return cls(value=float(table[row, column]), where=where, time_s=float(times_s[row]), why=why)
+
+
+def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
+    """The table with joints and limbs in the robot's order. Raises InvalidInput for others than the robot's."""
+    from dataclasses import replace
+
+    limbs = kinematics.robot.limb_names
+    changed: dict[str, Any] = {}
+    for kind, own, names, arrays in (
+        ("joints", kinematics.joints, table.joints, ("angles_rad", "rates_rad_s", "torques_nm")),
+        ("limbs", limbs, table.limbs, ("contact", "forces_n", "feet_m")),
+    ):
+        if not names and kind == "limbs":
+            continue
+        if set(names) != set(own):
+            odd = sorted(set(names) ^ set(own))
+            which = "it lacks" if odd[0] in own else "the robot has no"
+            raise InvalidInput(
+                f"{kind}: expected those of {kinematics.robot.name}, {', '.join(own):.120}; {which} {odd[0]}"
+            )
+        order = [names.index(name) for name in own]
+        changed[kind] = tuple(own)
+        changed |= {name: array[:, order] for name, array in table.known().items() if name in arrays}
+    return replace(table, **changed)
+
+
+class _Measured:
+    """A table's measurements: T rows, J joints, N limbs."""
+
+    def __init__(
+        self, table: MotionTable, kinematics: Kinematics, terrain: Sequence[Patch] | Ground, limits: MotionLimits
+    ) -> None:
+        self.table, self.kinematics, self.terrain, self.limits = table, kinematics, terrain, limits
+        self.known, self.times_s = table.known(), table.time_s
+        self.step_s = float(np.median(np.diff(table.time_s)))
+        self.limbs = kinematics.robot.limb_names
+        if "angles_rad" not in self.known:
+            raise InvalidInput("motion: expected angles of the joints, got none")
+        self.angles: Array = self.known["angles_rad"]
+        robot, model = kinematics.robot, kinematics.model
+        self.weight_n = robot.mass_kg * kinematics.gravity_m_s2
+        self.height_m = model.stand_height_m
+        self.missing = dict[str, str]()
+        if not {"origin_m", "quaternion"} <= set(self.known):
+            lost = "where the body is and how it is turned is not known"
+            self.missing |= dict.fromkeys(
+                ("contact_gap", "penetration", "slip", "balance", "forces", "cone", "swing_force", "bodies"), lost
+            )
+        if "contact" not in self.known:
+            self.missing.setdefault("contact_gap", "no contacts in the file: they are derived from the distance")
+        if "forces_n" not in self.known:
+            for name in ("forces", "cone", "swing_force"):
+                self.missing.setdefault(name, "no forces in the file")
+        if "torques_nm" not in self.known:
+            self.missing["torque"] = "no torques in the file"
+
+    def joints(self) -> _Worst:
+        """How far joints are beyond their limits, (T, J)."""
+        return _Worst.of(self.kinematics.beyond(self.angles), self.kinematics.joints, self.times_s)
+
+    def joint_speed(self) -> _Worst:
+        """Speed between rows as a share of the limit, (T − 1, J)."""
+        most = self.kinematics.velocity_rad_s
+        turned = np.abs(np.diff(self.angles, axis=0))
+        free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
+        turned = np.where(free, np.minimum(turned, np.abs(2.0 * np.pi - turned)), turned)
+        why = "" if (most > 0.0).all() else "no limit of the joints' speed in the robot's file"
+        shares = turned / self.step_s / np.where(most > 0.0, most, np.inf)
+        return _Worst.of(shares, self.kinematics.joints, self.times_s[1:], why)
+
+    def torque(self) -> _Worst:
+        """Torques of the table as a share of the limit, (T, J)."""
+        most = self.kinematics.torque_nm
+        why = "; ".join(self.kinematics.model.lines_of(self.kinematics.model.torque_doubts))
+        return _Worst.of(np.abs(self.known["torques_nm"]) / most, self.kinematics.joints, self.times_s, why)
+
+    def contact_gap(self) -> _Worst:
+        """Distance to the terrain of feet that are said to stand, (T, N)."""
+        return _Worst.of(np.where(self.stands, self.surface[0], 0.0), self.limbs, self.times_s)
+
+    def penetration(self) -> _Worst:
+        """How deep feet are in the terrain, (T, N)."""
+        return _Worst.of(-self.surface[0], self.limbs, self.times_s)
+
+    def slip(self) -> _Worst:
+        """How far the point of contact moved since the foot came down, along the terrain, (T, N).
+
+        A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is slip.
+        """
+        centres, turns = self.feet
+        normals = self.surface[1]
+        between = turns[1:] @ np.swapaxes(turns[:-1], 2, 3)
+        skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
+        turned = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
+        radii = self.kinematics.radii_m[:, None]
+        moved = np.diff(centres, axis=0) - radii * cross(turned, normals[1:])
+        moved = moved - np.sum(moved * normals[1:], axis=-1, keepdims=True) * normals[1:]
+        far, total = np.zeros(self.stands.shape), np.zeros(centres.shape[1:])
+        both = self.stands[1:] & self.stands[:-1]
+        for k in range(len(moved)):
+            total = np.where(both[k][:, None], total + moved[k], 0.0)
+            far[k + 1] = np.linalg.norm(total, axis=-1)
+        return _Worst.of(far, self.limbs, self.times_s)
+
+    def balance(self) -> _Worst:
+        """What no forces within the cones give of what the motion needs, (T − 2,)."""
+        return _Worst.of(self._windowed(self._program[1]), (), self.times_s[1:-1])
+
+    def forces(self) -> _Worst:
+        """What the table's forces lack of what the motion needs, (T − 2,)."""
+        given = self.known["forces_n"][1:-1]
+        arms = self._points[1:-1] - self._com[1:-1, None]
+        return _Worst.of(self._windowed(self._residual(given, arms)), (), self.times_s[1:-1])
+
+    def cone(self) -> _Worst:
+        """How far the table's forces are outside of their cones, (T, N)."""
+        forces, normals, friction = self.known["forces_n"], self.surface[1], self.surface[2]
+        along = np.sum(forces * normals, axis=-1)
+        across = np.linalg.norm(forces - along[..., None] * normals, axis=-1)
+        outside = np.maximum(across - friction * along, -along) / self.weight_n
+        return _Worst.of(np.where(self.stands, outside, 0.0), self.limbs, self.times_s)
+
+    def swing_force(self) -> _Worst:
+        """The table's forces on feet that do not stand, (T, N)."""
+        sizes = np.linalg.norm(self.known["forces_n"], axis=-1) / self.weight_n
+        return _Worst.of(np.where(self.stands, 0.0, sizes), self.limbs, self.times_s)
+
+    def bodies(self) -> _Worst:
+        """The deepest that a link is in another, or in the terrain."""
+        from ..robot.bodies import Bodies
+
+        around = self.terrain
+        solid = Obstacles.under(around.heights) if isinstance(around, Ground) else Obstacles.of(around)
+        centres, normals = self.feet[0], self.surface[1]
+        rows = spaced(np.concatenate([centres, self.known["origin_m"][:, None]], axis=1), self.angles)
+        body = WholeBody(
+            rotation=self.table.rotation[rows], origin_m=self.known["origin_m"][rows], angles=self.angles[rows],
+            toes_m=self._points[rows], normals=normals[rows], stands=self.stands[rows],
+        )  # fmt: skip
+        report = bodies_report(Bodies(self.kinematics, solid), self.times_s[rows], body, between=True)
+        why = "; ".join(report.missing)
+        if report.worst is None:
+            return _Worst(why=why)
+        where = f"{report.worst.link} in {report.worst.other}"
+        return _Worst(value=report.worst.depth_m, where=where, time_s=float(report.frame), why=why)
+
+    @cached_property
+    def feet(self) -> tuple[Array, Array]:
+        """Centres of the feet and how they are turned, in the world, shape (T, N, 3), (T, N, 3, 3)."""
+        rotation, origin = self.table.rotation, self.known["origin_m"]
+        legs = self.kinematics.model.legs
+        angles = [self.angles[:, self.kinematics.joints_of(i)] for i in range(len(legs))]
+        places = np.stack([leg.chain.feet(its) for leg, its in zip(legs, angles, strict=True)], axis=1)
+        turns = np.stack([leg.chain.frames(its)[0][:, -1] for leg, its in zip(legs, angles, strict=True)], axis=1)
+        centres = origin[:, None] + np.einsum("tij,tnj->tni", rotation, places)
+        return centres, np.einsum("tij,tnjk->tnik", rotation, turns)
+
+    @cached_property
+    def surface(self) -> tuple[Array, Array, Array]:
+        """Gap, normal and friction of the terrain nearest to each foot, shape (T, N), (T, N, 3), (T, N)."""
+        centres = self.feet[0]
+        radii = np.broadcast_to(self.kinematics.radii_m, centres.shape[:2])
+        gap, normal, friction = nearest(self.terrain, centres.reshape(-1, 3), radii.ravel())
+        return gap.reshape(centres.shape[:2]), normal.reshape(centres.shape), friction.reshape(centres.shape[:2])
+
+    @cached_property
+    def stands(self) -> NDArray[np.bool_]:
+        """Which feet stand, by the file or by the distance, shape (T, N)."""
+        if "contact" in self.known:
+            return np.asarray(self.known["contact"])
+        gap = self.surface[0]
+        slow = np.abs(np.gradient(gap, self.step_s, axis=0)) <= STILL_M_S
+        return np.asarray((gap <= GAP_M) & slow)
+
+    @cached_property
+    def _points(self) -> Array:
+        """Where feet touch, a radius below their centres, shape (T, N, 3)."""
+        return np.asarray(self.feet[0] - self.kinematics.radii_m[:, None] * self.surface[1])
+
+    @cached_property
+    def _dynamics(self) -> tuple[Array, Array]:
+        """Centre of mass, shape (T, 3), and the force and moment about it that the motion needs, shape (T − 2, 6)."""
+        pin, kinematics = pinocchio(), self.kinematics
+        known, data = kinematics.known, kinematics.known.createData()
+        joint = known.joints[base_joint(known)]
+        base = slice(joint.idx_q, joint.idx_q + 7)
+        home = pin.XYZQUATToSE3(at_rest(known)[base])
+        states = []
+        for angles, turn, origin in zip(self.angles, self.table.rotation, self.known["origin_m"], strict=True):
+            state = kinematics.configuration(angles)
+            state[base] = pin.SE3ToXYZQUAT(pin.SE3(turn, origin) * home)
+            states.append(state)
+        com = np.array([pin.centerOfMass(known, data, state).copy() for state in states])
+        momentum = []
+        for before, after in pairwise(states):
+            turned = pin.difference(known, before, after)
+            half = pin.integrate(known, before, 0.5 * turned)
+            found = pin.computeCentroidalMomentum(known, data, half, turned / self.step_s)
+            momentum.append(np.concatenate([found.linear, found.angular]))
+        needed = np.diff(np.array(momentum), axis=0) / self.step_s
+        needed[:, 2] += self.weight_n
+        return com, needed
+
+    @property
+    def _com(self) -> Array:
+        return self._dynamics[0]
+
+    @cached_property
+    def _scale(self) -> Array:
+        """One over what forces and moments are measured in, shape (6,)."""
+        return np.repeat([1.0 / self.weight_n, 1.0 / (self.weight_n * self.height_m)], 3)
+
+    def _residual(self, forces: Array, arms: Array) -> Array:
+        wrench = np.concatenate([forces.sum(axis=1), cross(arms, forces).sum(axis=1)], axis=-1)
+        return np.asarray(np.linalg.norm((wrench - self._dynamics[1]) * self._scale, axis=-1))
+
+    @cached_property
+    def _program(self) -> tuple[Array, Array]:
+        """The forces within the cones that come nearest to what the motion needs, (T − 2, N, 3), and what they lack."""
+        from scipy.optimize import nnls
+
+        stands, normals, friction = self.stands[1:-1], self.surface[1][1:-1], self.surface[2][1:-1]
+        arms = self._points[1:-1] - self._com[1:-1, None]
+        edges = _cones(normals, friction)  # (T − 2, N, EDGES, 3)
+        levers = cross(arms[:, :, None], edges)
+        columns = np.concatenate([edges, levers], axis=-1) * self._scale
+        needed = self._dynamics[1] * self._scale
+        forces, lacks = np.zeros(arms.shape), np.zeros(len(arms))
+        for k in range(len(arms)):
+            its = np.flatnonzero(stands[k])
+            matrix = columns[k, its].reshape(-1, 6).T
+            if matrix.size == 0:
+                lacks[k] = np.linalg.norm(needed[k])
+                continue
+            share, lacks[k] = nnls(matrix, needed[k])
+            forces[k, its] = np.einsum("ne,neq->nq", share.reshape(len(its), EDGES), edges[k, its])
+        return forces, lacks
+
+    def _windowed(self, series: Array) -> Array:
+        """The mean over ``WINDOW_S`` about each row, shape (T − 2,)."""
+        count = max(1, min(len(series), round(WINDOW_S / self.step_s)))
+        sums = np.convolve(series, np.ones(count), mode="valid") / count
+        left = (len(series) - len(sums)) // 2
+        return np.pad(sums, (left, len(series) - len(sums) - left), mode="edge")
+
+
+def nearest(terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array) -> tuple[Array, Array, Array]:
+    """Gap between balls and the terrain, negative inside, its normal there, and its friction.
+
+    Arguments:
+        terrain: patches, or heights.
+        centres_m, radii_m: of the balls, shape (K, 3), (K,).
+    """
+    if isinstance(terrain, Ground):
+        heights, touching = terrain.heights, centres_m.copy()
+        for _ in range(5):  # the ball touches below its centre along the normal there
+            normal = heights.normal(touching[:, :2])
+            touching = centres_m - radii_m[:, None] * normal
+        return -terrain.depth(touching), normal, np.full(len(centres_m), terrain.friction)
+    best, side = np.full(len(centres_m), np.inf), np.zeros(len(centres_m))
+    normals, friction = np.tile([0.0, 0.0, 1.0], (len(centres_m), 1)), np.ones(len(centres_m))
+    for patch in terrain:
+        distance, height = _from_polygon(patch, centres_m)
+        better = distance < best - 1e-9
+        best = np.where(better, distance, best)
+        side = np.where(better, np.sign(height), side)
+        normals = np.where(better[:, None], patch.normal, normals)
+        friction = np.where(better, patch.friction, friction)
+    return np.where(side < 0.0, -best, best) - radii_m, normals, friction
+
+
+def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:
+    """Distance of points from a patch, and their height above it, 0 or more beside it, shape (K,) each."""
+    corners = patch.vertices_m
+    edges = np.roll(corners, -1, axis=0) - corners
+    turn = np.sign(np.cross(edges[0], edges[1]) @ patch.normal) or 1.0
+    height = (points - corners[0]) @ patch.normal
+    outward = turn * np.cross(edges, patch.normal)
+    beyond = np.einsum("kui,ui->ku", points[:, None] - corners, outward)
+    inside = (beyond <= 0.0).all(axis=1)
+    along = np.einsum("kui,ui->ku", points[:, None] - corners, edges) / np.sum(edges**2, axis=1)
+    on = corners + np.clip(along, 0.0, 1.0)[..., None] * edges
+    border = np.linalg.norm(points[:, None] - on, axis=-1).min(axis=1)
+    return np.where(inside, np.abs(height), border), np.where(inside, height, np.abs(height))
+
+
+def _cones(normals: Array, friction: Array) -> Array:
+    """Edges of the pyramids in friction cones, unit normal parts, shape (…, EDGES, 3)."""
+    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    second = cross(normals, first)
+    angle = 2.0 * np.pi * np.arange(EDGES) / EDGES
+    around = np.cos(angle)[:, None] * first[..., None, :] + np.sin(angle)[:, None] * second[..., None, :]
+    return np.asarray(normals[..., None, :] + friction[..., None, None] * around)

@@ -1,0 +1,223 @@
+"""Motions leave as other programs read them: each format is read back by somebody who knows nothing of the package."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("pinocchio")
+
+import stancekit
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.motion_file import csv_of, read_motion
+from stancekit.planners.motion.gait_motion import SETTLE_S
+from stancekit.planners.robot.legged import walking_robot
+from stancekit.runner.export.formats import FORMATS, Moved, beside, moved_of
+from stancekit.runner.motion.stream import streamed
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    found = stancekit.plan("walls", frames=3).solution
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def walk() -> Trajectory:
+    level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+    found = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def moved(walk: Trajectory) -> Moved:
+    return moved_of(walk, "mujoco", source="walk.json")
+
+
+def test_the_table_is_the_motion_that_runs(plan: Plan) -> None:
+    table, motion = moved_of(plan, "csv").table, streamed(plan)
+    at = motion.at(table.time_s)
+    assert table.angles_rad is not None
+    np.testing.assert_array_equal(table.angles_rad, at.angles_rad)
+    np.testing.assert_array_equal(table.torques_nm, at.torques_nm)
+    np.testing.assert_array_equal(table.forces_n, at.forces_n)
+    assert table.limbs == plan.problem.robot.limb_names
+    assert table.time_s[-1] == pytest.approx(motion.duration_s)
+
+
+def test_the_rate_is_the_one_asked_for_and_samples_of_a_walk_are_its_own(walk: Trajectory) -> None:
+    table = moved_of(walk, "csv", 200.0).table
+    rows = np.rint((walk.times_s - walk.times_s[0] + SETTLE_S) * 200.0).astype(int)
+    assert table.rate_hz == pytest.approx(200.0)
+    assert table.com_m is not None
+    np.testing.assert_allclose(table.com_m[rows], walk.torso_m, atol=1e-9)
+    np.testing.assert_allclose(table.forces_n[rows], walk.forces_n, atol=1e-7)
+
+
+def test_a_csv_is_read_by_five_lines_of_numpy(moved: Moved, tmp_path: Path) -> None:
+    (tmp_path / "walk.csv").write_bytes(csv_of(moved.table))
+    table = np.genfromtxt(tmp_path / "walk.csv", delimiter=",", names=True, deletechars="", replace_space=" ")
+    joint = moved.table.joints[0]
+    assert moved.table.angles_rad is not None
+    np.testing.assert_array_equal(table[f"q.{joint}"], moved.table.angles_rad[:, 0])
+    assert set(table["contact.LF"]) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("to", ["csv", "npz"])
+def test_tables_come_back_to_the_last_bit(to: str, moved: Moved, tmp_path: Path) -> None:
+    path = tmp_path / f"walk{FORMATS[to].suffixes[0]}"
+    FORMATS[to].write(moved, path)
+    back, table = read_motion(path), moved.table
+    assert (back.joints, back.limbs) == (table.joints, table.limbs)
+    assert set(back.known()) == set(table.known())
+    for name, array in table.known().items():
+        np.testing.assert_array_equal(back.known()[name], array)
+
+
+@pytest.mark.parametrize("suffix", [".json", ".yaml"])
+def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: Path) -> None:
+    typesys = pytest.importorskip("rosbags.typesys")
+    path = tmp_path / f"walk{suffix}"
+    FORMATS["jointtrajectory"].write(moved, path)
+    message = (json.loads if suffix == ".json" else yaml.safe_load)(path.read_text())
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    kinds = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+    stamp = kinds["Time"](**message["header"]["stamp"])
+    points = [
+        kinds["JointTrajectoryPoint"](
+            positions=np.array(point["positions"]), velocities=np.array(point["velocities"]),
+            accelerations=np.zeros(0), effort=np.array(point["effort"]),
+            time_from_start=kinds["Duration"](**point["time_from_start"]),
+        )
+        for point in message["points"]
+    ]  # fmt: skip
+    whole = kinds["JointTrajectory"](
+        header=kinds["Header"](stamp=stamp, frame_id=""), joint_names=message["joint_names"], points=points
+    )
+    name = "trajectory_msgs/msg/JointTrajectory"
+    back = store.deserialize_cdr(store.serialize_cdr(whole, name), name)
+    assert tuple(back.joint_names) == moved.table.joints
+    assert moved.table.angles_rad is not None
+    np.testing.assert_array_equal([point.positions for point in back.points], moved.table.angles_rad)
+    np.testing.assert_array_equal(read_motion(path).angles_rad, moved.table.angles_rad)
+
+
+def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    FORMATS["mujoco"].write(moved, tmp_path / "walk.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "walk.xml"))
+    data, table = mujoco.MjData(model), moved.table
+    assert model.nkey == len(table.time_s)
+    assert table.angles_rad is not None
+    assert table.feet_m is not None
+    assert moved.robot is not None
+    feet = moved.robot.source.foot_names
+    for row in (0, model.nkey // 2, model.nkey - 1):
+        mujoco.mj_resetDataKeyframe(model, data, row)
+        mujoco.mj_kinematics(model, data)
+        assert data.time == table.time_s[row]
+        for k, joint in enumerate(table.joints):
+            assert data.joint(joint).qpos[0] == table.angles_rad[row, k]
+        gaps = [
+            min(np.linalg.norm(data.geom_xpos[g] - table.feet_m[row, i]) for g in range(model.ngeom)
+                if model.geom_bodyid[g] == model.body(name).id)
+            for i, name in enumerate(feet)
+        ]  # fmt: skip
+        assert max(gaps) < 5e-3  # a foot's ball rolls by some millimetres
+
+
+def test_a_plans_key_frames_have_their_names(plan: Plan, tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    FORMATS["mujoco"].write(moved_of(plan, "mujoco", 50.0), tmp_path / "climb.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "climb.xml"))
+    named = [model.key(k).name for k in range(model.nkey) if "frame" in model.key(k).name]
+    assert [name.partition(", ")[2] for name in named] == ["frame 0", "frame 1", "frame 2"]
+
+
+def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(moved: Moved, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    FORMATS["reference"].write(moved, tmp_path / "walk.npz")
+    held = np.load(tmp_path / "walk.npz")
+    rows, joints, bodies = len(moved.table.time_s), len(moved.table.joints), len(held["body_names"])
+    assert held["fps"].tolist() == [100]
+    assert held["joint_pos"].shape == held["joint_vel"].shape == (rows, joints)
+    assert held["body_quat_w"].shape == (rows, bodies, 4)
+    for name in ("body_pos_w", "body_lin_vel_w", "body_ang_vel_w"):
+        assert held[name].shape == (rows, bodies, 3)
+    moved_by = np.gradient(held["body_pos_w"], 0.01, axis=0)[2:-2]
+    assert np.abs(moved_by - held["body_lin_vel_w"][2:-2]).max() < 0.05 * np.abs(moved_by).max()
+    np.testing.assert_allclose(np.linalg.norm(held["body_quat_w"], axis=-1), 1.0, atol=1e-9)
+
+
+def test_rerun_reads_the_recording(moved: Moved, tmp_path: Path) -> None:
+    chunk = pytest.importorskip("rerun.chunk")
+    FORMATS["rerun"].write(moved, tmp_path / "walk.rrd")
+    rows = dict[str, int]()
+    for each in chunk.RrdReader(str(tmp_path / "walk.rrd")).stream().to_chunks():
+        rows[str(each.entity_path)] = rows.get(str(each.entity_path), 0) + each.num_rows
+    assert rows["/world/body"] == rows[f"/q/{moved.table.joints[0]}"] == len(moved.table.time_s)
+    assert not [path.name for path in tmp_path.iterdir() if path.suffix != ".rrd"]
+
+
+def test_mcap_and_ros_read_the_log(moved: Moved, tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    typesys = pytest.importorskip("rosbags.typesys")
+    FORMATS["foxglove"].write(moved, tmp_path / "walk.mcap")
+    store, states, seen = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), [], set()
+    with (tmp_path / "walk.mcap").open("rb") as stream:
+        for schema, channel, message in reader.make_reader(stream).iter_messages():
+            seen.add((channel.topic, schema.name))
+            if channel.topic == "/joint_states":
+                states.append(store.deserialize_cdr(message.data, schema.name))
+    assert seen == {
+        ("/joint_states", "sensor_msgs/msg/JointState"), ("/tf", "foxglove.FrameTransform"),
+        ("/forces", "foxglove.SceneUpdate"), ("/contacts", "stancekit.Contacts"),
+    }  # fmt: skip
+    assert tuple(states[0].name) == moved.table.joints
+    np.testing.assert_array_equal([state.position for state in states], moved.table.angles_rad)
+    np.testing.assert_array_equal([state.effort for state in states], moved.table.torques_nm)
+    assert json.loads((tmp_path / "walk.layout.json").read_text())["layout"]["first"] == "3D!stance"
+
+
+def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Trajectory) -> None:
+    boxes = replace(walk, robot=replace(walk.robot, name="boxes", model=None))
+    with pytest.raises(InvalidInput):
+        walking_robot(boxes.robot)
+    moved = moved_of(boxes, "csv")
+    assert moved.without
+    header = next(csv.reader(io.StringIO(csv_of(moved.table).decode())))
+    assert "com.x" in header
+    assert not [name for name in header if name.startswith("q.")]
+    with pytest.raises(InvalidInput, match=r"^reference: expected a motion with joints, got one without: "):
+        moved_of(boxes, "reference")
+
+
+def test_a_name_beside_the_input_is_none_of_its_own(tmp_path: Path) -> None:
+    names = {to: beside(tmp_path / "walk.json", to).name for to in FORMATS}
+    assert names == {
+        "csv": "walk.csv", "npz": "walk.motion.npz", "jointtrajectory": "walk.jointtrajectory.json",
+        "mujoco": "walk.xml", "reference": "walk.reference.npz", "rerun": "walk.rrd", "foxglove": "walk.mcap",
+    }  # fmt: skip
+
+
+def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> None:
+    import base64
+
+    stancekit.save(plan, tmp_path / "plan.json")
+    record = json.loads((tmp_path / "plan.json").read_text())
+    held = np.load(io.BytesIO(base64.b64decode(record["arrays"]["npz"])))
+    stands = [(put["limb"], put["frame"]) for put in record["course"]["placements"]]
+    assert stands == [(put.limb, put.frame) for put in plan.problem.footholds]
+    np.testing.assert_array_equal(held["toes_m"], plan.toes_m)
+    assert len(held["forces_n"]) == len(plan.problem.stances)
