@@ -11,8 +11,8 @@ it was drawn first, and 6 have none. They were drawn before anything was planned
 plan: every scene by the package's own command, ``plan`` or with --walks ``gait``, one process at a time; a line of
 plans.jsonl with what was said, CPU time, memory, and the length of the body's way. Scenes that have a line are not
 planned again without --anew.
-judge: points of every link of the file's URDF, at moments of the motion a hundredth of a key frame apart at most,
-against the boxes of the scene: kinematics and geometry are written here and share nothing with planner and verifier.
+judge: points of every link of the file's URDF, at moments of the motion half as far apart as the verifier's, against
+the boxes of the scene: angles are those of the motion that is run, kinematics and geometry are written here.
 A link that is more than 3 mm inside of a solid goes through it.
 run: plans in the package's MuJoCo.
 table: by length: scenes planned, CPU-s per metre of the body's way, memory, and the ways against the known ones.
@@ -47,8 +47,8 @@ THROUGH_M = 0.003
 PATIENCE = 6.0
 APART_M = 0.015
 """Between the points of a link [m]."""
-MOMENTS = 20
-"""Of the motion between two key frames."""
+FINER = 2.0
+"""Moments of the motion are so many times nearer to each other than those that the verifier judges."""
 LONGER = 1.3
 WALK_S_M = 4.0
 """Walks have so long for a metre of the known way."""
@@ -295,9 +295,17 @@ def _points(link: Any) -> Iterator[Link]:
             half = 0.5 * np.array(shape.get("size").split(), dtype=float)
             axes = [np.linspace(-h, h, max(2, int(np.ceil(2 * h / APART_M)) + 1)) for h in half]
             points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        elif shape.tag in ("cylinder", "capsule"):
-            # a cylinder counts as the capsule inside of it
-            half_m = 0.5 * float(shape.get("length")) - (radius if shape.tag == "cylinder" else 0.0)
+        elif shape.tag == "cylinder":
+            half_m, radius_m, radius = 0.5 * float(shape.get("length")), radius, 0.0
+            along = np.linspace(-half_m, half_m, max(2, int(np.ceil(2 * half_m / APART_M)) + 1))
+            turn = np.linspace(0.0, 2 * np.pi, max(8, int(np.ceil(2 * np.pi * radius_m / APART_M))), endpoint=False)
+            around = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            out = np.linspace(0.0, radius_m, max(2, int(np.ceil(radius_m / APART_M)) + 1))
+            mantle = [np.column_stack([radius_m * around, np.full(len(turn), z)]) for z in along]
+            ends = [np.column_stack([r * around, np.full(len(turn), z)]) for r in out for z in (-half_m, half_m)]
+            points = np.vstack(mantle + ends)
+        elif shape.tag == "capsule":
+            half_m = 0.5 * float(shape.get("length"))
             along = np.linspace(-half_m, half_m, max(2, int(np.ceil(2 * half_m / APART_M)) + 1))
             points = np.column_stack([0 * along, 0 * along, along])
         else:
@@ -315,28 +323,30 @@ def depth_in(points: Array, boxes: Array) -> Array:
 
 def judged(scene: Scene, path: Path) -> dict[str, Any]:
     """The deepest that any link is in a solid, along the motion of a plan [m]."""
-    from stancekit.planners.motion.plan_motion import PlanMotion
+    from stancekit.planners.motion.joints import JointPath
+    from stancekit.planners.motion.path import APART_M as STEP_M
+    from stancekit.planners.motion.path import PlanPath
+    from stancekit.planners.robot.kinematics import Kinematics
 
     plan = _read(path)
-    robot, boxes = Robot(plan.problem.robot.source.model.urdf), scene.boxes_m
-    motion = PlanMotion.of(plan)
-    names = motion.joint_names
-    times = np.linspace(0.0, motion.duration_s, MOMENTS * (len(plan.com_m) - 1) + 1)
+    robot, boxes = Robot(plan.problem.robot.legs.urdf), scene.boxes_m
+    known = Kinematics(plan.problem.robot)
+    moments, postures = JointPath(PlanPath(plan), known, STEP_M / FINER).judged()
     worst: tuple[float, str, float] = (-np.inf, "", 0.0)
-    for time_s in times:
-        at = motion.at(float(time_s))
+    for number, angles in enumerate(postures.angles):
         base = np.eye(4)
-        base[:3, :3], base[:3, 3] = _turned(np.asarray(at.rotation_rad)), at.origin_m
-        frames = robot.placed(base, dict(zip(names, at.angles_rad, strict=True)))
-        about = boxes[np.all((boxes[:, ::2] < base[:3, 3] + 1.0) & (boxes[:, 1::2] > base[:3, 3] - 1.0), axis=1)]
+        base[:3, :3], base[:3, 3] = postures.rotations[number], postures.origins_m[number]
+        frames = robot.placed(base, dict(zip(known.joints, angles, strict=True)))
+        about = boxes[np.all((boxes[:, ::2] < base[:3, 3] + 1.5) & (boxes[:, 1::2] > base[:3, 3] - 1.5), axis=1)]
         for link in robot.links:
             frame = frames[link.name]
             depth = float(depth_in(link.points_m @ frame[:3, :3].T + frame[:3, 3], about).max()) + link.radius_m
             if depth > worst[0]:
-                worst = depth, link.name, float(at.frame)
+                before, after = moments.before[number], moments.after[number]
+                worst = depth, link.name, float(before + moments.share[number] * (after - before))
     return {
         "scene": scene.name, "depth_mm": round(1e3 * worst[0], 2), "link": worst[1], "frame": round(worst[2], 2),
-        "moments": len(times), "through": bool(worst[0] > THROUGH_M),
+        "moments": len(postures.angles), "through": bool(worst[0] > THROUGH_M),
     }  # fmt: skip
 
 
