@@ -25,6 +25,7 @@ OLD = {
     "intervals": "solve(problem, Micp(intervals=...))",
 }
 
+
 @checked
 def solve(
     problem: Problem,

@@ -98,7 +98,16 @@ def plan_pieces(
     cycle = _cycle(course)
     keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
     plans, count, avoid, tried = ([] if begun is None else [begun]), 0, list[Array](), list[Array]()
-    backed, shares = False, list[Mapping[str, Any]]()
+    backed, shares = False, list[Mapping[str, Any]]([] if begun is None else [begun.provenance])
+
+    def add(part: Plan) -> None:
+        plans.append(part)
+        shares.append(part.provenance)
+        if kept is not None:
+            kept.keep(_said(joined(course, plans), shares))
+        if progress is not None:
+            progress(sum(plan.problem.frames - 1 for plan in plans), course.frames - 1)
+
     while True:
         at = sum(plan.problem.frames - 1 for plan in plans)
         if plans and at >= course.frames - 1:
@@ -119,19 +128,13 @@ def plan_pieces(
         if accepted:
             assert answer.solution is not None
             part = answer.solution if last == course.frames - 1 else beginning(answer.solution, min(keep, last - at))
-            plans.append(part)
-            shares.append(part.provenance)
+            add(part)
             backed = False
-            if kept is not None:
-                kept.keep(joined(course, plans))
-            if progress is not None:
-                progress(at + part.problem.frames - 1, course.frames - 1)
             continue
         late = time.perf_counter() > deadline
         shorter = None if late else _shorter(answer, course, at, cycle, plans, piece, deadline)
         if shorter is not None:
-            plans.append(shorter)
-            shares.append(shorter.provenance)
+            add(shorter)
             continue
         place = course.com_nominal_m[min(at + PIECE // 2, last)]
         where = _failed_frame(answer)
@@ -163,12 +166,12 @@ def _said(plan: Plan, pieces: list[Mapping[str, Any]]) -> Plan:
     push that stances bear."""
     friction = [float(each["friction_share"]) for each in pieces if "friction_share" in each]
     pushes = [float(each.get("push_share", 0.0)) for each in pieces]
-    said: dict[str, Any] = {"pieces": len(pieces)}
+    said: dict[str, Any] = {"pieces": sum(int(each.get("pieces", 1)) for each in pieces)}
     said |= {"friction_share": max(friction)} if friction and len(friction) == len(pieces) else {}
     said |= {"push_share": min(pushes)} if pushes and min(pushes) > 0.0 else {}
     torques = {each["torque_nm"] for each in pieces if "torque_nm" in each}
     said |= {"torque_nm": min(torques)} if torques else {}
-    return replace(plan, provenance={**plan.provenance, **said})
+    return replace(plan, provenance=said)
 
 
 def _one(course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float) -> Answer[Plan]:

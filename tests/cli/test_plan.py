@@ -159,8 +159,7 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
         (("walls", "--wrench", "0,0,inf"), "--wrench: expected finite numbers, got [0.0, 0.0, inf]"),
         (
             ("walls", "--wrench", "0,0,-99999"),
-            "--wrench: expected a force of at most 9810 N, 100 times the weight and beyond any posture, "
-            "got 1e+05 N",
+            "--wrench: expected a force of at most 9810 N, 100 times the weight and beyond any posture, got 1e+05 N",
         ),
     ],
 )
