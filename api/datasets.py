@@ -142,7 +142,9 @@ def label(
         return _leaps(problems, folder, given, seed=int(seed), run=run, progress=progress)
     of_leaps = {name: given.pop(name, None) for name in ("scenes", "tries")}
     _check_no_use(of_leaps, of="postures")
-    wanted = _rows(rows, given.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {})
+    wanted = _rows(
+        rows, given.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
+    )
     name, source, asked = problems, None, None
     if not isinstance(problems, str) or isinstance(robot, Robot):
         source = distribution_of(problems, robot=robot, terrain=terrain)
@@ -245,8 +247,12 @@ def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> di
         return {"feasible": 500, "infeasible": 500, "natural": natural, **old}
     if not isinstance(rows, tuple):
         return {"feasible": int(rows), "infeasible": 0, "natural": True}
-    if len(rows) != 2 or any(isinstance(count, bool) or not isinstance(count, Integral) for count in rows):
-        raise InvalidInput(f"rows: expected one integer, or two (feasible, infeasible), got {shown(rows)}")
+    if len(rows) != 2 or any(
+        isinstance(count, bool) or not isinstance(count, Integral) for count in rows
+    ):
+        raise InvalidInput(
+            f"rows: expected one integer, or two (feasible, infeasible), got {shown(rows)}"
+        )
     return {"feasible": int(rows[0]), "infeasible": int(rows[1]), "natural": natural}
 
 
@@ -255,5 +261,7 @@ def _proposers(path: str | Path) -> Proposers:
     try:
         from stancekit.learners.proposers.proposer import Proposers
     except ModuleNotFoundError as error:
-        raise InvalidInput(f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'") from None
+        raise InvalidInput(
+            f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'"
+        ) from None
     return Proposers.load(path)

@@ -33,7 +33,9 @@ from stancekit.planners.verify.trajectories import check_trajectory
 
 Kind = TypeVar("Kind")
 Proof = tuple[Problem | Leap, Certificate]
-Saved = Problem | Leap | EnvelopeSet | Modes | Plan | LeapPlan | Certificate | Proof | Trajectory | Learned
+Saved = (
+    Problem | Leap | EnvelopeSet | Modes | Plan | LeapPlan | Certificate | Proof | Trajectory | Learned
+)
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     "posture": lambda path: _only(_problems(path), path),
     "course": read_course,

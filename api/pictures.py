@@ -139,7 +139,9 @@ def frames_of(motion: Plan | LeapPlan | Trajectory, executed: Execution | None) 
     return executions.walk_frames(motion, executed), count, executions.WALK_FPS
 
 
-def counted(frames: Iterator[Frame], total: int, progress: Callable[[int, int], None] | None) -> Iterator[Frame]:
+def counted(
+    frames: Iterator[Frame], total: int, progress: Callable[[int, int], None] | None
+) -> Iterator[Frame]:
     """The frames, of which ``progress`` is told one by one."""
     for done, frame in enumerate(frames, start=1):
         yield frame

@@ -25,7 +25,6 @@ OLD = {
     "intervals": "solve(problem, Micp(intervals=...))",
 }
 
-
 @checked
 def solve(
     problem: Problem,

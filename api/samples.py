@@ -71,7 +71,9 @@ def distribution(
     return distribution_of(problems, robot=robot, terrain=terrain)
 
 
-def drawn(source: Distribution, count: int, rng: np.random.Generator | int) -> Iterator[Problem]:
+def drawn(
+    source: Distribution, count: int, rng: np.random.Generator | int
+) -> Iterator[Problem]:
     """Problems of ``sample``, one after the other, however many. Raises InvalidInput for a seed below 0."""
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")

@@ -44,7 +44,9 @@ class Ground:
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def ground(kind: str, numbers: Mapping[str, float], height_m: float, full_m: float, seed: list[int]) -> Ground:
+def ground(
+    kind: str, numbers: Mapping[str, float], height_m: float, full_m: float, seed: list[int]
+) -> Ground:
     """Draw a ground.
 
     Arguments:
@@ -66,7 +68,9 @@ def ground(kind: str, numbers: Mapping[str, float], height_m: float, full_m: flo
     )
 
 
-def _stairs(numbers: Mapping[str, float], rng: np.random.Generator, scale: float) -> Iterator[Array]:
+def _stairs(
+    numbers: Mapping[str, float], rng: np.random.Generator, scale: float
+) -> Iterator[Array]:
     """Three steps up; scale: what a metre of a rise is in units of the height."""
     first, tread, rise = rng.uniform(0.8, 1.0), rng.uniform(0.85, 1.05), numbers["rise_m"] * scale
     yield _box(-7.0, first, 0.0)

@@ -128,7 +128,9 @@ def summary(lines: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         if key not in worst or row["held_n"] < worst[key]["held_n"]:
             worst[key] = dict(row)
     whole = [row for key, row in worst.items() if count[key] == len(TURNS_DEG)]
-    said, held, weight = (np.array([row[name] for row in whole]) for name in ("said_n", "held_n", "weight_n"))
+    said, held, weight = (
+        np.array([row[name] for row in whole]) for name in ("said_n", "held_n", "weight_n")
+    )
     some = said > 0.0
     ratios = held[some] / said[some]
     return {
@@ -164,5 +166,7 @@ def line(row: Mapping[str, Any]) -> str:
         ("held", "held / weight"),
     ):
         if row[name]:
-            parts.append(f"{what} {row[name][0]:.3g} to {row[name][2]:.3g}, median {row[name][1]:.3g}")
+            parts.append(
+                f"{what} {row[name][0]:.3g} to {row[name][2]:.3g}, median {row[name][1]:.3g}"
+            )
     return "; ".join(parts) + "".join(f"\n    {each}" for each in row["worst"])

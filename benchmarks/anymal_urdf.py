@@ -39,7 +39,9 @@ def leg_of(name: str) -> tuple[Array, Array, dict[str, tuple[float, float]]]:
     """Origins of joints and foot, each in the frame before it, shape (4, 3) [m]; side; limits by joint."""
     ahead, left = 1.0 if name[1] == "F" else -1.0, 1.0 if name[0] == "L" else -1.0
     side = np.array([ahead, left, 1.0])
-    places = np.array([[0.277, 0.116, 0.0], [0.0635, 0.041, 0.0], [0.0, 0.109, -0.25], [0.1, -0.02, -0.309]])
+    places = np.array(
+        [[0.277, 0.116, 0.0], [0.0635, 0.041, 0.0], [0.0, 0.109, -0.25], [0.1, -0.02, -0.309]]
+    )
     mirrored = {"HAA": left < 0.0, "HFE": ahead < 0.0, "KFE": ahead < 0.0}
     limits = {j: (-high, -low) if mirrored[j] else (low, high) for j, (low, high) in RANGES.items()}
     return places * side, side, limits
@@ -73,7 +75,9 @@ def rod(mass: float, along: Array, radius: float) -> Array:
 
 def numbers(values: Array, digits: int = 6) -> str:
     """Numbers in a row."""
-    return " ".join(f"{value:.{digits}g}" for value in np.where(np.abs(values) < 1e-12, 0.0, values))
+    return " ".join(
+        f"{value:.{digits}g}" for value in np.where(np.abs(values) < 1e-12, 0.0, values)
+    )
 
 
 def along(vector: Array) -> str:
@@ -82,9 +86,13 @@ def along(vector: Array) -> str:
     return numbers(np.array([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)]), 9)
 
 
-def link(name: str, mass: float, middle: Array, inertia: Array, shape: str, at: str, digits: int = 6) -> list[str]:
+def link(
+    name: str, mass: float, middle: Array, inertia: Array, shape: str, at: str, digits: int = 6
+) -> list[str]:
     """A link with one shape, which is seen and collides."""
-    entries = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia[np.triu_indices(3)], strict=True)
+    entries = zip(
+        ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia[np.triu_indices(3)], strict=True
+    )
     said = " ".join(f'{key}="{value:.{digits}g}"' for key, value in entries)
     return [
         f'  <link name="{name}">',
@@ -106,7 +114,9 @@ def main() -> None:
         chain = chain_of(places)
         wanted = foot.nominal_m + COM_M + RADIUS_M * np.array([0.0, 0.0, 1.0])
         q = posture(chain, wanted, np.array([-0.1 * side[1], 0.7 * side[0], -1.0 * side[0]]))
-        assert all(low < angle < high for angle, (low, high) in zip(q, limits.values(), strict=True)), q
+        assert all(
+            low < angle < high for angle, (low, high) in zip(q, limits.values(), strict=True)
+        ), q
         turns, origins = (part[0] for part in chain.frames(q[None]))
         bodies = {
             "HIP": (places[1], 0.045), "THIGH": (places[2], 0.035), "SHANK": (places[3], 0.02),
@@ -150,20 +160,28 @@ def main() -> None:
             "  </joint>",
         ]
     mass = walker.mass_kg - sum(masses)
-    middle = (walker.mass_kg * COM_M - sum(m * c for m, c in zip(masses, middles, strict=True))) / mass
+    middle = (
+        walker.mass_kg * COM_M - sum(m * c for m, c in zip(masses, middles, strict=True))
+    ) / mass
     inertia = walker.inertia_kgm2.copy()
-    for m, c, own in zip([*masses, mass], [*middles, middle], [*inertias, np.zeros((3, 3))], strict=True):
+    for m, c, own in zip(
+        [*masses, mass], [*middles, middle], [*inertias, np.zeros((3, 3))], strict=True
+    ):
         far = c - COM_M
         inertia -= own + m * (far @ far * np.eye(3) - np.outer(far, far))
     moments = np.linalg.eigvalsh(inertia)
     assert moments[0] > max(0.0, moments[2] - moments[1]), moments
     print(f"trunk {mass:.6g} kg at {numbers(middle)}, moments {numbers(moments)}")
     size = numbers(2.0 * walker.trunk_half_m)
-    base = link("base", mass, middle, inertia, f'<box size="{size}"/>', f'xyz="{numbers(COM_M)}"', digits=12)
+    base = link(
+        "base", mass, middle, inertia, f'<box size="{size}"/>', f'xyz="{numbers(COM_M)}"', digits=12
+    )
     said = (__doc__ or "").split("\n\n", 2)
     first = "<!-- Legs for the boxes of anymal.yaml; benchmarks/anymal_urdf.py writes this file."
     head = f"{first}\n{said[2].strip()}\n-->"
-    text = "\n".join(['<?xml version="1.0"?>', head, '<robot name="anymal">', *base, *lines, "</robot>", ""])
+    text = "\n".join(
+        ['<?xml version="1.0"?>', head, '<robot name="anymal">', *base, *lines, "</robot>", ""]
+    )
     (ROBOTS / "anymal.urdf").write_text(text, encoding="utf-8")
     state = [
         '<?xml version="1.0"?>',
@@ -171,7 +189,9 @@ def main() -> None:
         '  <group_state name="standing" group="legs">',
         *stands,
     ]
-    (ROBOTS / "anymal.srdf").write_text("\n".join([*state, "  </group_state>", "</robot>", ""]), encoding="utf-8")
+    (ROBOTS / "anymal.srdf").write_text(
+        "\n".join([*state, "  </group_state>", "</robot>", ""]), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -51,7 +51,9 @@ def main(arguments: Arguments) -> None:
             if arguments.only and not any(part in name for part in arguments.only):
                 continue
             for check, asked in checks(name, arguments.steps).items():
-                path = (arguments.folder or Path(scratch)) / f"{name.partition('/')[2]}-{check.replace(' ', '-')}.json"
+                path = (
+                    arguments.folder or Path(scratch)
+                ) / f"{name.partition('/')[2]}-{check.replace(' ', '-')}.json"
                 row = kept(path, partial(measured, name, check, asked))
                 arguments.say(row)
                 wrong += row["seen"] != "right"
@@ -79,8 +81,14 @@ def checks(name: str, count: int) -> dict[str, Callable[[], bool]]:
     """All checks of an environment by their names."""
     box = isinstance(gym.make(name).action_space, gym.spaces.Box)
     agents = ("PPO", "SAC", "TD3") if box else ("PPO",)
-    found: dict[str, Callable[[], bool]] = {f"sb3 {agent}": partial(trained, name, agent, count) for agent in agents}
-    found |= {f"{how} after {done} steps": partial(copied, name, how, done) for how in COPIES for done in (0, 3)}
+    found: dict[str, Callable[[], bool]] = {
+        f"sb3 {agent}": partial(trained, name, agent, count) for agent in agents
+    }
+    found |= {
+        f"{how} after {done} steps": partial(copied, name, how, done)
+        for how in COPIES
+        for done in (0, 3)
+    }
     return {
         "check_env": partial(checked, name),
         "minari": partial(collected, name),
@@ -96,9 +104,19 @@ def checked(name: str) -> bool:
 
 def trained(name: str, agent: str, count: int) -> bool:
     """An agent of stable-baselines3 for so many steps, made by the environment's id."""
-    more = {"n_steps": count // 2, "batch_size": count // 2} if agent == "PPO" else {"learning_starts": count // 2}
-    policy = "MultiInputPolicy" if isinstance(gym.make(name).observation_space, gym.spaces.Dict) else "MlpPolicy"
-    return getattr(stable_baselines3, agent)(policy, name, **more).learn(count).num_timesteps == count
+    more = (
+        {"n_steps": count // 2, "batch_size": count // 2}
+        if agent == "PPO"
+        else {"learning_starts": count // 2}
+    )
+    policy = (
+        "MultiInputPolicy"
+        if isinstance(gym.make(name).observation_space, gym.spaces.Dict)
+        else "MlpPolicy"
+    )
+    return (
+        getattr(stable_baselines3, agent)(policy, name, **more).learn(count).num_timesteps == count
+    )
 
 
 def collected(name: str) -> bool:
@@ -109,7 +127,9 @@ def collected(name: str) -> bool:
     env.reset(seed=0)
     while not any(env.step(env.action_space.sample())[2:4]):
         pass
-    kept_set = env.create_dataset(f"{name.partition('/')[2].lower()}/random-v0", algorithm_name="random")
+    kept_set = env.create_dataset(
+        f"{name.partition('/')[2].lower()}/random-v0", algorithm_name="random"
+    )
     infos = next(kept_set.iterate_episodes()).infos
     return kept_set.total_episodes == 1 and infos is not None and "is_success" in infos
 

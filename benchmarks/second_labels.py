@@ -70,7 +70,10 @@ def second(problem: stancekit.Problem, limit_s: float) -> Second:
     home, radius = problem.com_nominal_m[0], float(problem.com_radius_m[0])
     com = [_free(model, c, radius) for c in home]
     tilt = [_free(model, 0.0, problem.tilt_limit_rad) for _ in range(3)]
-    model.addCons(quicksum((c - float(n)) * (c - float(n)) for c, n in zip(com, home, strict=True)) <= radius**2)
+    model.addCons(
+        quicksum((c - float(n)) * (c - float(n)) for c, n in zip(com, home, strict=True))
+        <= radius**2
+    )
     net: list[Any] = [0.0, 0.0, -weight]
     moment: list[Any] = [-weight * com[1], weight * com[0], 0.0]
     columns = []

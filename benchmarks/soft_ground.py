@@ -126,7 +126,9 @@ def ran(file: Path, world: str, stiffness_n_m: float | None, mode: str) -> dict[
     if run is not None:
         row |= {
             "stood": report.stopped_s is None and run.fallen_s is None,
-            "fell_s": run.fallen_s if run.fallen_s is not None or report.stopped_s is None else run.seconds,
+            "fell_s": run.fallen_s
+            if run.fallen_s is not None or report.stopped_s is None
+            else run.seconds,
             "of_s": round(run.seconds, 2),
             "body_rms_mm": round(1e3 * run.body_rms_m, 2),
             "body_worst_mm": round(1e3 * run.body_worst_m, 2),
@@ -137,7 +139,9 @@ def ran(file: Path, world: str, stiffness_n_m: float | None, mode: str) -> dict[
     return row
 
 
-def summary(rows: Sequence[dict[str, Any]], world: str, ground: float | None, mode: str) -> dict[str, Any]:
+def summary(
+    rows: Sequence[dict[str, Any]], world: str, ground: float | None, mode: str
+) -> dict[str, Any]:
     """Counts and extremes of one ground and one way to run."""
     fell = [row["fell_s"] for row in rows if not row["stood"] and row.get("fell_s") is not None]
     stood = [row for row in rows if row["stood"]]

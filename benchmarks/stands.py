@@ -71,7 +71,9 @@ class Listed(Options):
                 (entry.kind, self.grounds),
                 (entry.draw, self.draws),
             )
-            if (self.first is None or count < self.first) and all(not some or value in some for value, some in wanted):
+            if (self.first is None or count < self.first) and all(
+                not some or value in some for value, some in wanted
+            ):
                 yield entry
 
 
@@ -174,7 +176,9 @@ class Pushes(Options):
         lines, settings, wrong = Lines(self.out), read_settings(), Wrong(feedback=self.feedback)
         chosen = pushes.drawn(pushes.stances(found_files(self.paths)), self.stances, self.seed)
         for file, which in chosen.items():
-            for key, row in pushes.rows(file, which, lines, settings, wrong, self.most_share, self.whole):
+            for key, row in pushes.rows(
+                file, which, lines, settings, wrong, self.most_share, self.whole
+            ):
                 self.say(lines.add(key, row))
         self.say(pushes.summary(list(lines.rows.values())), pushes.line)
 
@@ -257,7 +261,9 @@ def grouped(plans: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[dict[st
     yield "all", list(plans)
 
 
-def shares(name: str, plans: Sequence[dict[str, Any]], played: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def shares(
+    name: str, plans: Sequence[dict[str, Any]], played: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
     """A row of the table."""
     accepted = [row for row in plans if row["accepted"]]
     names = {row["key"] for row in accepted}
@@ -269,7 +275,9 @@ def shares(name: str, plans: Sequence[dict[str, Any]], played: Sequence[dict[str
     for way in ("referee_feedback", "referee", "world"):
         rows = [row["stood"] for row in played if row["way"] == way and row["file"] in names]
         found[way] = _share(rows)
-    found["refused"] = sum(row["way"] == "world" and row["file"] in names and row["code"] == 2 for row in played)
+    found["refused"] = sum(
+        row["way"] == "world" and row["file"] in names and row["code"] == 2 for row in played
+    )
     for margin in MARGINS:
         values = [row["margins"][margin] for row in accepted if margin in row["margins"]]
         if values:
@@ -291,7 +299,11 @@ def line(row: Mapping[str, Any]) -> str:
     for name in ("accepted", "referee_feedback", "referee", "world"):
         count, of, low, high = row[name]
         parts.append(f"{name} {count:3}/{of:<3} [{100 * low:3.0f}, {100 * high:3.0f}] %")
-    parts += [f"{margin} least {row[margin][0]} median {row[margin][1]}" for margin in MARGINS if margin in row]
+    parts += [
+        f"{margin} least {row[margin][0]} median {row[margin][1]}"
+        for margin in MARGINS
+        if margin in row
+    ]
     refused = f"world refused {row['refused']}"
     return "  ".join([*parts, refused, f"CPU {row['cpu_s']} s"])
 

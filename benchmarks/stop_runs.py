@@ -165,7 +165,7 @@ def stopped(kind: str, path: Path, start: Array, index: int, rng: np.random.Gene
     ending, joints = ("hold", "torque-off")[index // 4 % 2], joint_names(hexapod())
     most_s = (ARMING_S, ARMING_S, FIRST_S, LATEST_S)[index % 4]
     ros = kind in BY_ROS
-    with tempfile.TemporaryDirectory() as name, BridgeProcess(path) if ros else BusProcess(start.tolist()) as device:
+    with tempfile.TemporaryDirectory() as name, (BridgeProcess(path) if ros else BusProcess(start.tolist())) as device:
         folder = Path(name)
         arguments = [
             "run", str(path), "--world", "ros" if ros else "dynamixel", "--setup", str(folder / "setup.yaml"), "--arm",

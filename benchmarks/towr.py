@@ -54,7 +54,9 @@ class OnTerrain(LeapClass):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Solve the scenes by both, and print a line for each method and class."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path, help="sources of TOWR and ifopt")
     parser.add_argument("--scenes", type=int, default=50, help="over all classes")
     parser.add_argument("--seed", type=int, default=4450)
@@ -95,7 +97,9 @@ def compiled(folder: Path) -> Path:
         *(one for part in parts for one in (folder / part / "src").glob("*.cc")),
     ]
     if len(sources) < 10:
-        raise SystemExit(f"{folder}: expected folders towr and ifopt with their sources, found none")
+        raise SystemExit(
+            f"{folder}: expected folders towr and ifopt with their sources, found none"
+        )
     headers = [own / "include", own / "include" / "eigen3", own / "include" / "coin-or"]
     headers += [folder / part / "include" for part in parts]
     begun, objects = time.perf_counter(), []
@@ -153,7 +157,9 @@ def asked(leap: Leap, kind: LeapClass, scene: Terrain, limit_s: float) -> str:
     half = [np.sqrt(reach**2 - (away**2).sum(axis=1).max())] * 3  # the ball's at the nominal place
     half[2] = reach - float(np.abs(away[:, 2]).max())
     toes = []
-    for place, put in zip(leap.start.com_m + nominal, leap.footholds, strict=False):  # of the first stance
+    for place, put in zip(
+        leap.start.com_m + nominal, leap.footholds, strict=False
+    ):  # of the first stance
         centres = np.array([patch.centre_m for patch in put.candidates])
         toes.append(centres[np.linalg.norm(centres - place, axis=1).argmin()])
     friction = min(patch.friction for put in leap.footholds for patch in put.candidates)

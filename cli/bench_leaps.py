@@ -68,7 +68,9 @@ class BenchLeaps:
                 emit(line)
             return 0
         Console(width=max(out.width, WIDTH), soft_wrap=True).print(_table(lines, self.distribution))
-        out.print(f"of {proofs['unsolved']} scenes that nobody solves {proofs['proved']} are proved infeasible")
+        out.print(
+            f"of {proofs['unsolved']} scenes that nobody solves {proofs['proved']} are proved infeasible"
+        )
         out.print(f"rows: {self.out}")
         return 0
 
@@ -82,7 +84,9 @@ def _table(lines: list[dict[str, Any]], distribution: str) -> Table:
 
     most = max((line["scenes"] for line in lines), default=0)
     caption = "shares of all scenes in percent, with 95 % intervals; of union: within 25 solves, of the scenes that "
-    found = Table(title=f"{distribution}, {most} scenes", caption=caption + "anybody solves", box=None)
+    found = Table(
+        title=f"{distribution}, {most} scenes", caption=caption + "anybody solves", box=None
+    )
     for name in (
         "method",
         "first try",

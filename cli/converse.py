@@ -15,7 +15,9 @@ LONGEST = 32
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def converse(where: dict[str, Any], inject: Callable[[str], None], state: Callable[[], dict[str, Any]]) -> int:
+def converse(
+    where: dict[str, Any], inject: Callable[[str], None], state: Callable[[], dict[str, Any]]
+) -> int:
     """Say where the device is, then take faults and tell its state, line by line, until somebody ends it; 0.
 
     On a terminal a state is short. A background process of a terminal, which may not read from it, and one with nothing

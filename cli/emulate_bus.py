@@ -51,7 +51,9 @@ class EmulateBus:
         calibration = Calibration.from_yaml(self.setup, names)
         link = Path(calibration.port) if self.link is None else self.link
         if link.exists() and not link.is_symlink():
-            raise InvalidInput(f"--link: expected a path at which a link can be made, got {link}, which is there")
+            raise InvalidInput(
+                f"--link: expected a path at which a link can be made, got {link}, which is there"
+            )
         servos = calibration.ordered(names)
         with EmulatedBus(
             [each.id for each in servos],

@@ -46,7 +46,9 @@ class EmulateRosbridge:
         try:
             made = RosBridge(names, angles.tolist(), ros=self.ros, port=self.port)
         except OSError as error:
-            raise InvalidInput(f"--port: expected a port that is free, got {self.port}: {error.strerror}") from None
+            raise InvalidInput(
+                f"--port: expected a port that is free, got {self.port}: {error.strerror}"
+            ) from None
         with made as bridge:
             try:
                 if self.fault is not None:

@@ -83,7 +83,9 @@ class Simulate:
             contact = SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
             if contact is not None and (kind := WORLDS.get(self.world)).kind == "simulation":
                 course = plan.problem
-                world = kind.make(WorldSettings(robot=course.robot, gravity_m_s2=course.gravity_m_s2, contact=contact))
+                world = kind.make(
+                    WorldSettings(robot=course.robot, gravity_m_s2=course.gravity_m_s2, contact=contact)
+                )
         with as_options("world"), progress(f"simulate {plan.problem.name} in {self.world}") as bar:
             report = simulate(accepted, world, settings=settings, progress=bar)
         execution = report.execution

@@ -165,7 +165,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             _hide()
 
 
-def picture(scene: LabelledScene, posture: Plan | None = None, envelope: Envelope | None = None) -> NDArray[np.uint8]:
+def picture(
+    scene: LabelledScene, posture: Plan | None = None, envelope: Envelope | None = None
+) -> NDArray[np.uint8]:
     """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in that."""
     from stancekit.views.postures import draw_posture
     from stancekit.views.sheet import to_rgb

@@ -144,7 +144,9 @@ class TraverseSettings:
         return given if isinstance(given, TraverseWeights) else typed(TraverseWeights, given, "weights")
 
 
-LEAST: Mapping[str, int] = MappingProxyType({"horizon": 1, "patience": 1, "corners": 3, "limbs": 1, "regions": 1})
+LEAST: Mapping[str, int] = MappingProxyType(
+    {"horizon": 1, "patience": 1, "corners": 3, "limbs": 1, "regions": 1}
+)
 
 
 def course_source(courses: Courses, settings: TraverseSettings) -> tuple[CourseSource, CourseFeatures]:

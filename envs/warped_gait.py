@@ -102,21 +102,9 @@ class GaitEnvSettings:
 
 NOTHING: Mapping[str, int | float] = MappingProxyType(
     {
-        "verified": 0,
-        "is_success": 0,
-        "feasible": 0,
-        "iterations": 0,
-        "violation": 0.0,
-        "refused": 0,
-        "force_rms": 0.0,
-        "moment_rms": 0.0,
-        "peak_acceleration_g": 0.0,
-        "outside_cone": 0.0,
-        "reward_verified": 0.0,
-        "reward_feasible": 0.0,
-        "reward_iterations": 0.0,
-        "reward_seconds": 0.0,
-        "seconds": 0.0,
+        "verified": 0, "is_success": 0, "feasible": 0, "iterations": 0, "violation": 0.0, "refused": 0,
+        "force_rms": 0.0, "moment_rms": 0.0, "peak_acceleration_g": 0.0, "outside_cone": 0.0, "reward_verified": 0.0,
+        "reward_feasible": 0.0, "reward_iterations": 0.0, "reward_seconds": 0.0, "seconds": 0.0,
     }
 )
 """``info`` before anything was tried."""

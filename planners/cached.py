@@ -19,7 +19,9 @@ class cached_property(functools.cached_property[T]):
     def __get__(self, instance: None, owner: type[Any] | None = None) -> cached_property[T]: ...
     @overload
     def __get__(self, instance: object, owner: type[Any] | None = None) -> T: ...
-    def __get__(self, instance: object | None, owner: type[Any] | None = None) -> cached_property[T] | T:
+    def __get__(
+        self, instance: object | None, owner: type[Any] | None = None
+    ) -> cached_property[T] | T:
         """The value, which is kept in the instance, where it is found without this the next time."""
         if instance is None:
             return self

@@ -57,7 +57,9 @@ def parts(answer: Any) -> Iterator[bytes]:
             yield from parts(one)
     elif dataclasses.is_dataclass(answer):
         yield type(answer).__name__.encode()
-        yield from each({field.name: getattr(answer, field.name) for field in dataclasses.fields(answer)})
+        yield from each(
+            {field.name: getattr(answer, field.name) for field in dataclasses.fields(answer)}
+        )
     else:
         raise TypeError(f"expected something with fields, got a {type(answer).__name__}")
 
@@ -83,8 +85,13 @@ def calls(folder: Path) -> dict[str, Call]:
     held = [outcome.solution for outcome in outcomes if outcome.solution is not None][:3]
     asked = {question.name: question for question in questions()}
     dog = replace(asked["dog-0.48"], keys=asked["dog-0.48"].keys | {"frames": 4}).file(folder)
-    plans = [stancekit.plan(name, frames=4, time_limit_s=LONG_S).solution for name in ("stairs", "walls")]
-    proofs = [stancekit.plan(asked[name].file(folder)) for name in ("slick-2-0.05", "slick-3-0.1", "dog-0.6")]
+    plans = [
+        stancekit.plan(name, frames=4, time_limit_s=LONG_S).solution for name in ("stairs", "walls")
+    ]
+    proofs = [
+        stancekit.plan(asked[name].file(folder))
+        for name in ("slick-2-0.05", "slick-3-0.1", "dog-0.6")
+    ]
     assert len(refuted) == len(held) == 3
     assert all(plans)
     for k in range(10):
@@ -105,7 +112,9 @@ def calls(folder: Path) -> dict[str, Call]:
         return path.read_text(encoding="utf-8")
 
     def labelled(k: int) -> Any:
-        made = stancekit.label("ground-3", folder / f"label-{k}", rows=(1, 1), seed=k % 2)
+        made = stancekit.label(
+            "ground-3", folder / f"label-{k}", rows=(1, 1), seed=k % 2
+        )
         return [list(made.labels), list(made.problems())]
 
     return {
@@ -119,9 +128,15 @@ def calls(folder: Path) -> dict[str, Call]:
         "explain a course": lambda k: stancekit.explain(proofs[k % 3]),
         "label": labelled,
         "evaluate": lambda k: stancekit.evaluate(selectors[k % 2], test, projections=("fix-p",)),
-        "load": lambda k: stancekit.load(files[k % 10]) if k % 3 else stancekit.load(folder / "plan.json"),
+        "load": lambda k: (
+            stancekit.load(files[k % 10]) if k % 3 else stancekit.load(folder / "plan.json")
+        ),
         "save": saved,
-        "fit quantile": lambda k: stancekit.fit(rows, "quantile", share=(0.0, 0.05, 0.1)[k % 3]).envelopes,
+        "fit quantile": lambda k: (
+            stancekit.fit(rows, "quantile", share=(0.0, 0.05, 0.1)[k % 3]).envelopes
+        ),
         "fit gmm": lambda k: stancekit.fit(rows, "gmm", steps=2, seed=k % 3).envelopes,
-        "sample by a file": lambda k: stancekit.sample(f"{folder}/mine-{k % 10}.py:Mine", 2, rng=k % 3),
+        "sample by a file": lambda k: stancekit.sample(
+            f"{folder}/mine-{k % 10}.py:Mine", 2, rng=k % 3
+        ),
     }

@@ -146,13 +146,17 @@ class LeapView:
                  layer=Layer.TERRAIN, lift_m=8.0)
             for patch, colour in zip(self.chosen, self.colours, strict=True)
         ]  # fmt: skip
-        return patches(self.candidates, self.bounds_m, self.friction) + Scene(paths=[*rings, way], bodies=[mark])
+        return patches(self.candidates, self.bounds_m, self.friction) + Scene(
+            paths=[*rings, way], bodies=[mark]
+        )
 
     def limbs(self, now: Samples) -> Sequence[Array]:
         """What moves each limb: angles of a robot's own legs, or where the joints of a limb might be."""
         robot, turn = self.plan.problem.robot, rotation_of(now.rotation_rad)
         if self.shape.links is not None:
-            found = self._legs.solve(now.com_m[None], turn[None], now.toes_m[None], now.normals[None], None)
+            found = self._legs.solve(
+                now.com_m[None], turn[None], now.toes_m[None], now.normals[None], None
+            )
             return [angles[0] for angles in found.angles]
         return [
             limb_of_three(now.com_m + arm, toe, unit(arm), limb.reach_m)
@@ -175,7 +179,9 @@ class LeapView:
                     self._windows[foothold],
                     cone_body(f"cone {foothold}", self._cones[foothold], toe),
                 ]
-                arrows.append(self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force))
+                arrows.append(
+                    self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force)
+                )
         return Scene(bodies=bodies, arrows=arrows)
 
     @cached_property
@@ -203,7 +209,9 @@ class LeapView:
         for time_s in (float(ends[0]), 0.5 * (flight[0] + flight[1]), float(ends[-1])):
             now = self.motion.at(time_s)
             found += self.shape.ghost(now.com_m, rotation_of(now.rotation_rad), self.limbs(now))
-        labels = [Label(name="goal", position_m=self.plan.problem.goal.com_m, text="goal", colour=GOAL)]
+        labels = [
+            Label(name="goal", position_m=self.plan.problem.goal.com_m, text="goal", colour=GOAL)
+        ]
         return found + Scene(labels=labels)
 
     @cached_property
@@ -212,7 +220,11 @@ class LeapView:
         ends = self.plan.times_s
         airborne = (self.plan.problem.holds[self.plan.problem.interval_phases] < 0).all(axis=1)
         k = int(np.argmax(airborne)) if airborne.any() else 0
-        return (float(ends[k]), float(ends[k + 1])) if airborne.any() else (float(ends[0]), float(ends[-1]))
+        return (
+            (float(ends[k]), float(ends[k + 1]))
+            if airborne.any()
+            else (float(ends[0]), float(ends[-1]))
+        )
 
     def film(self, *, fps: float = FPS, pace: float = PACE) -> Animation:
         """The leap's motion, slowed down, with its ends held for a moment."""
@@ -251,7 +263,9 @@ def draw_leap(plan: LeapPlan, *, caption: str = "", size_px: Size | None = None)
     low, high = still.frame()
     fitted = (
         SIZE_PX[0],
-        int(np.clip((SIZE_PX[0] - 48.0) * (high - low)[1] / (high - low)[0] + 162.0, 560.0, 1100.0)),
+        int(
+            np.clip((SIZE_PX[0] - 48.0) * (high - low)[1] / (high - low)[0] + 162.0, 560.0, 1100.0)
+        ),
     )
     figure = sheet(size_px or fitted, fitted)
     scale = still.paint(plain_axes(figure, 24.0, 70.0, 92.0))

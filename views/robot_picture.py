@@ -52,3 +52,4 @@ def draw_robot(robot: RobotModel, workspaces: Sequence[Workspace] | None = None,
     headline(figure, robot.name, words + ("; inside the veils every foot is reached" if workspaces else ""))
     Still(Scene(bodies=bodies, facets=[floor], labels=labels), camera).paint(plain_axes(figure, 20.0, 20.0, 90.0))
     return figure
+

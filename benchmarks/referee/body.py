@@ -89,7 +89,9 @@ def build(
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = contact.stiff_friction
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    root = next(body for body in spec.bodies if body.parent is not None and body.parent.name == "world")
+    root = next(
+        body for body in spec.bodies if body.parent is not None and body.parent.name == "world"
+    )
     root.add_freejoint(name="float")
     radii = np.array([leg.radius_m or settings.point_m for leg in robot.legs])
     for shape in spec.geoms:
@@ -136,7 +138,9 @@ def build(
         robot=robot,
         places=np.array([int(joint.qposadr[0]) for joint in joints]),
         rates=rates,
-        legs=tuple(np.arange(end - len(leg.joints), end) for leg, end in zip(robot.legs, ends, strict=True)),
+        legs=tuple(
+            np.arange(end - len(leg.joints), end) for leg, end in zip(robot.legs, ends, strict=True)
+        ),
         others=np.array(others, dtype=np.int64).reshape(-1, 2),
         base=base,
         feet=tuple(int(model.body(leg.foot).id) for leg in robot.legs),
@@ -150,7 +154,9 @@ def build(
     )
 
 
-def _stiffness(robot: Robot, joints: list[Any], model: Any, gains: Joints, weight_n: float) -> Array:
+def _stiffness(
+    robot: Robot, joints: list[Any], model: Any, gains: Joints, weight_n: float
+) -> Array:
     """Kp of the joints, by the weight and each leg's length."""
     lengths = [leg.length_m for leg in robot.legs for _ in leg.joints]
     slides = [model.jnt_type[joint.id] == mujoco.mjtJoint.mjJNT_SLIDE for joint in joints]
@@ -169,7 +175,9 @@ def _primitive(urdf: str) -> str:
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
                 link.remove(shape)
-    for joint in root.findall("joint"):  # a second axis, say, is read by nobody, and refused by MuJoCo
+    for joint in root.findall(
+        "joint"
+    ):  # a second axis, say, is read by nobody, and refused by MuJoCo
         seen = set[str]()
         for part in list(joint):
             if part.tag in seen:
@@ -183,5 +191,10 @@ def _primitive(urdf: str) -> str:
 
 def _efforts(urdf: str) -> dict[str, float]:
     """Largest torque or force of the joints that a URDF says one of."""
-    limits = {str(joint.get("name")): joint.find("limit") for joint in ElementTree.fromstring(urdf).findall("joint")}
-    return {name: float(limit.get("effort", "0")) for name, limit in limits.items() if limit is not None}
+    limits = {
+        str(joint.get("name")): joint.find("limit")
+        for joint in ElementTree.fromstring(urdf).findall("joint")
+    }
+    return {
+        name: float(limit.get("effort", "0")) for name, limit in limits.items() if limit is not None
+    }

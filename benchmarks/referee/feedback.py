@@ -38,7 +38,9 @@ def wrench(
     return np.concatenate([force, moment])
 
 
-def shared(gains: Feedback, wanted: Array, arms_m: Array, forces_n: Array, normals: Array, friction: Array) -> Array:
+def shared(
+    gains: Feedback, wanted: Array, arms_m: Array, forces_n: Array, normals: Array, friction: Array
+) -> Array:
     """Forces of n feet within their cones whose sum over the planned ones is nearest to a wrench, shape (n, 3) [N].
 
     Arguments:

@@ -119,7 +119,9 @@ def read(path: str | Path) -> Played:
             return _plan(data)
         if kind in WALKS:
             return _walk(data)
-        raise ValueError(f"expected the format {', '.join((*PLANS, *WALKS))}, got {str(kind)[:80]!r}")
+        raise ValueError(
+            f"expected the format {', '.join((*PLANS, *WALKS))}, got {str(kind)[:80]!r}"
+        )
     except KeyError as error:
         raise BrokenFile(f"{path}: expected the key {error}, found nothing there") from None
     except (
@@ -144,8 +146,13 @@ def _plan(data: Mapping[str, Any]) -> Played:
         holds[placed["frame"] :, names.index(placed["limb"])] = index
     frames, limbs, places = *holds.shape, len(course["placements"])
     if (holds < 0).any():
-        raise ValueError("course: placements: expected every limb to stand somewhere at every frame")
-    lifted = tuple(frozenset(names.index(name) for name in each) for each in (*course["lifts"], course["next_lift"]))
+        raise ValueError(
+            "course: placements: expected every limb to stand somewhere at every frame"
+        )
+    lifted = tuple(
+        frozenset(names.index(name) for name in each)
+        for each in (*course["lifts"], course["next_lift"])
+    )
     stances = _stances(lifted, limbs)
     wanted = {
         "com_m": (frames, 3),
@@ -156,7 +163,8 @@ def _plan(data: Mapping[str, Any]) -> Played:
     }
     _check(arrays, wanted)
     chosen = [
-        _patch(placed["candidates"][int(arrays["choice"][index])]) for index, placed in enumerate(course["placements"])
+        _patch(placed["candidates"][int(arrays["choice"][index])])
+        for index, placed in enumerate(course["placements"])
     ]
     joints = data["arrays"].get("joints", ()) if "joints_rad" in arrays else ()
     if joints:
@@ -180,7 +188,9 @@ def _plan(data: Mapping[str, Any]) -> Played:
     )
 
 
-def _stances(lifted: Sequence[frozenset[int]], limbs: int) -> tuple[tuple[int, frozenset[int]], ...]:
+def _stances(
+    lifted: Sequence[frozenset[int]], limbs: int
+) -> tuple[tuple[int, frozenset[int]], ...]:
     """Who carries alone at each frame: after the move to it, and before the next; all where nobody moves."""
     everybody, found = frozenset(range(limbs)), list[tuple[int, frozenset[int]]]()
     for frame in range(len(lifted) - 1):
@@ -249,5 +259,6 @@ def _check(arrays: Mapping[str, Any], wanted: Mapping[str, tuple[int, ...]]) -> 
         array = arrays[name]
         if array.shape != shape or array.dtype.kind not in "fib" or not np.isfinite(array).all():
             raise ValueError(
-                f"{name}: expected finite numbers of shape {shape}, got {array.dtype} of shape {array.shape}"
+                f"{name}: expected finite numbers of shape {shape}, "
+                f"got {array.dtype} of shape {array.shape}"
             )

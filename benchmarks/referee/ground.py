@@ -35,7 +35,9 @@ def geometry(friction: float, contact: Contact) -> dict[str, Any]:
     }
 
 
-def lay_patches(spec: Any, patches: Sequence[Patch], thick_m: float, share: float, contact: Contact) -> None:
+def lay_patches(
+    spec: Any, patches: Sequence[Patch], thick_m: float, share: float, contact: Contact
+) -> None:
     """Add prisms of patches; share: of their friction."""
     for index, patch in enumerate(patches):
         corners = np.concatenate([patch.corners_m, patch.corners_m - thick_m * patch.normal])
@@ -83,7 +85,9 @@ class Surface:
         self._x, self._y = x_m, y_m
         along = CubicSpline(y_m, heights_m, axis=1, bc_type="natural")
         self._pieces = along.c  # (4, Y − 1, X)
-        self._across = [CubicSpline(x_m, power, axis=1, bc_type="natural") for power in self._pieces]
+        self._across = [
+            CubicSpline(x_m, power, axis=1, bc_type="natural") for power in self._pieces
+        ]
 
     def heights(self, x_m: Array, y_m: Array) -> Array:
         """Heights at places of one shape, or that broadcast to one [m]."""

@@ -45,14 +45,19 @@ def commands(body: Body, reference: Reference) -> Commands:
     positions, rolls = np.empty((moments, model.nq)), Rolls(body)
     balls = np.empty_like(reference.centres_m)
     names = [name for leg in body.robot.legs for name in leg.joints]
-    near = [np.array([reference.near[name][t] for name in names]) if reference.near else None for t in range(moments)]
+    near = [
+        np.array([reference.near[name][t] for name in names]) if reference.near else None
+        for t in range(moments)
+    ]
     last, missed = _standing(body, reference), 0.0
     if near[0] is not None:
         last[body.places] = near[0]
     for t in range(moments):
         rounds = MOST_ROUNDS if t else FIRST_ROUNDS
         balls[t] = reference.centres_m[t] + rolls.shifts_m
-        last, off = solver.solve(last, reference.com_m[t], reference.turn[t], balls[t], near[t], rounds)
+        last, off = solver.solve(
+            last, reference.com_m[t], reference.turn[t], balls[t], near[t], rounds
+        )
         positions[t], missed = last, max(missed, off)
         rolls.add(solver.data, reference.normals[t], reference.stands[t], reference.step_s)
     velocities = _rates(model, positions, reference.step_s)
@@ -85,7 +90,9 @@ class Rolls:
         self._body, self._before = body, list[Array]()
         self.shifts_m = np.zeros((len(body.feet), 3))
 
-    def add(self, data: mujoco.MjData, normals: Array, stands: NDArray[np.bool_], step_s: float) -> None:
+    def add(
+        self, data: mujoco.MjData, normals: Array, stands: NDArray[np.bool_], step_s: float
+    ) -> None:
         """Go on to the posture of ``data``."""
         now = [data.xquat[foot].copy() for foot in self._body.feet]
         for foot, (before, after) in enumerate(zip(self._before, now, strict=False)):
@@ -167,7 +174,9 @@ class Solver:
         mujoco.mj_jac(self.body.model, data, self._jacobian, None, point_m, self.body.feet[leg])
         return self._jacobian
 
-    def torques(self, positions: Array, rates: Array, accelerations: Array, forces_n: Array, points_m: Array) -> Array:
+    def torques(
+        self, positions: Array, rates: Array, accelerations: Array, forces_n: Array, points_m: Array
+    ) -> Array:
         """τ = M a + bias − Jᵀ f of the legs' joints, shape (J,)."""
         body, data, model = self.body, self.data, self.body.model
         data.qpos[:], data.qvel[:], data.qacc[:] = positions, rates, accelerations

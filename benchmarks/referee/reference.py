@@ -97,7 +97,9 @@ class _PlanMotion:
         lifted = plan.lifted[frame]
         stay = self._others(lifted)
         if not stay:
-            raise ValueError(f"course: lifts: frame {frame}: expected limbs that carry, all of them lift")
+            raise ValueError(
+                f"course: lifts: frame {frame}: expected limbs that carry, all of them lift"
+            )
         after = self._standing(frame)
         before, loaded = self._force(frame - 1, stay), self._force(frame, stay)
         ready = self._with(now, before)
@@ -132,9 +134,13 @@ class _PlanMotion:
         return frozenset(range(len(self.radii))) - lifted
 
     def _with(self, state: _State, forces: Array) -> _State:
-        return _State(frame=state.frame, centres=state.centres, forces=forces, surface=state.surface)
+        return _State(
+            frame=state.frame, centres=state.centres, forces=forces, surface=state.surface
+        )
 
-    def _swing(self, frame: int, lifted: frozenset[int], begin: Array, end: Array) -> tuple[Array, Array]:
+    def _swing(
+        self, frame: int, lifted: frozenset[int], begin: Array, end: Array
+    ) -> tuple[Array, Array]:
         """Corners of the ways of those that swing: the lowest that stay clear of the ground, or the clearest."""
         plan, settings = self.plan, self.settings
         high, over = begin.copy(), end.copy()
@@ -152,7 +158,9 @@ class _PlanMotion:
                     break
         return high, over
 
-    def _add(self, seconds: float, begin: _State, end: _State, lifted: frozenset[int] = frozenset()) -> None:
+    def _add(
+        self, seconds: float, begin: _State, end: _State, lifted: frozenset[int] = frozenset()
+    ) -> None:
         moments = max(1, round(seconds / self.settings.control_s))
         self.parts.append((moments, begin, end, lifted))
         self.count += moments
@@ -195,7 +203,11 @@ class _PlanMotion:
             friction=plan.friction[surface],
             near={name: np.concatenate(parts) for name, parts in near.items()},
             dynamic=False,
-            stances={index: self.marks[stance] for index, stance in enumerate(plan.stances) if stance in self.marks},
+            stances={
+                index: self.marks[stance]
+                for index, stance in enumerate(plan.stances)
+                if stance in self.marks
+            },
         )
 
 

@@ -70,16 +70,22 @@ def robot_of(raw: Mapping[str, Any], joints: Sequence[str]) -> Robot:
     elif name in NAMED:
         file, pattern = NAMED[name]
         urdf = (CONFIGS / file).read_text(encoding="utf-8")
-        said = {limb: {"name": limb, "foot": pattern.format(limb), "stance_rad": {}} for limb in limbs}
+        said = {
+            limb: {"name": limb, "foot": pattern.format(limb), "stance_rad": {}} for limb in limbs
+        }
     else:
-        raise ValueError(f"robot: expected a model with a URDF, or {' or '.join(NAMED)}, got {name}")
+        raise ValueError(
+            f"robot: expected a model with a URDF, or {' or '.join(NAMED)}, got {name}"
+        )
     root = ElementTree.fromstring(urdf)
     if set(said) != set(limbs):
         raise ValueError(f"robot: expected legs for {', '.join(limbs)}, got {', '.join(said)}")
     legs = tuple(_leg(root, said[limb]) for limb in limbs)
     known = {joint for leg in legs for joint in leg.joints}
     if joints and set(joints) != known:
-        raise ValueError(f"robot: expected the joints {', '.join(sorted(known))}, got {', '.join(joints)}")
+        raise ValueError(
+            f"robot: expected the joints {', '.join(sorted(known))}, got {', '.join(joints)}"
+        )
     if model is None:
         _check_named(root, raw, legs)
     return Robot(name=name, urdf=urdf, legs=legs, mass_kg=float(raw["mass_kg"]))
@@ -99,7 +105,9 @@ def _leg(root: Element, raw: Mapping[str, Any]) -> Leg:
     if stance:
         moving = [joint for joint in moving if joint.get("name") in stance]
     if not moving or (stance and len(moving) != len(stance)):
-        raise ValueError(f"robot: leg {raw['name']}: expected joints from the base to {raw['foot']}")
+        raise ValueError(
+            f"robot: leg {raw['name']}: expected joints from the base to {raw['foot']}"
+        )
     after = chain[chain.index(moving[0]) + 1 :]
     centre, radius = _ball(links[raw["foot"]], raw.get("contact"))
     names = tuple(str(joint.get("name")) for joint in moving)
@@ -111,7 +119,9 @@ def _leg(root: Element, raw: Mapping[str, Any]) -> Leg:
         foot=raw["foot"],
         centre_m=centre,
         radius_m=radius,
-        length_m=float(sum(np.linalg.norm(_origin(each)) for each in after) + np.linalg.norm(centre)),
+        length_m=float(
+            sum(np.linalg.norm(_origin(each)) for each in after) + np.linalg.norm(centre)
+        ),
     )
 
 
@@ -124,7 +134,9 @@ def _ball(link: Element, said: Mapping[str, Any] | None) -> tuple[Array, float]:
         for shape in link.findall("collision")
         if (sphere := shape.find("geometry/sphere")) is not None
     ]
-    return max(balls, key=lambda ball: float(np.linalg.norm(ball[0])) + ball[1], default=(np.zeros(3), 0.0))
+    return max(
+        balls, key=lambda ball: float(np.linalg.norm(ball[0])) + ball[1], default=(np.zeros(3), 0.0)
+    )
 
 
 def _origin(element: Element) -> Array:

@@ -190,6 +190,8 @@ def _group(kind: type[Group], keys: Any, where: str) -> Group:
         got = ", ".join(map(str, keys)) if isinstance(keys, Mapping) else type(keys).__name__
         raise ValueError(f"{where}: expected {', '.join(known)}, got {got}")
     for name, value in keys.items():
-        if known[name] == "float" and (isinstance(value, bool) or not isinstance(value, int | float)):
+        if known[name] == "float" and (
+            isinstance(value, bool) or not isinstance(value, int | float)
+        ):
             raise ValueError(f"{where}: {name}: expected a number, got {value!r}")
     return kind(**keys)

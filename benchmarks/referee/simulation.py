@@ -61,10 +61,16 @@ class Row:
 
     def json(self) -> dict[str, Any]:
         """Values for a line."""
-        return {name: value for name, value in asdict(self).items() if value is not None or name == "fell_s"}
+        return {
+            name: value
+            for name, value in asdict(self).items()
+            if value is not None or name == "fell_s"
+        }
 
 
-def play(path: str | Path, settings: Settings, wrong: Wrong = Wrong(), push: Push | None = None) -> Row:
+def play(
+    path: str | Path, settings: Settings, wrong: Wrong = Wrong(), push: Push | None = None
+) -> Row:
     """Play a file.
 
     Arguments:
@@ -82,7 +88,9 @@ def play(path: str | Path, settings: Settings, wrong: Wrong = Wrong(), push: Pus
         return _Run(*prepared(played, settings, wrong), settings, wrong).to_the_end()
 
 
-def pushed(path: str | Path, settings: Settings, wrong: Wrong, pushes: Iterable[Push]) -> Iterator[Row]:
+def pushed(
+    path: str | Path, settings: Settings, wrong: Wrong, pushes: Iterable[Push]
+) -> Iterator[Row]:
     """Push stances of a file one after another, each until it falls.
 
     Arguments:
@@ -158,7 +166,9 @@ def _pushed(
 class _Run:
     """One simulation."""
 
-    def __init__(self, body: Body, reference: Reference, told: Commands, settings: Settings, wrong: Wrong) -> None:
+    def __init__(
+        self, body: Body, reference: Reference, told: Commands, settings: Settings, wrong: Wrong
+    ) -> None:
         self.body, self.reference, self.told = body, reference, told
         self.settings, self.wrong = settings, wrong
         self.data, self.solver = mujoco.MjData(body.model), Solver(body)

@@ -108,7 +108,9 @@ def fetched(into: Path, repository: str, branch: str, clones: Path | None) -> No
         )
         return
     clone = clones / repository.replace("/", "+") / "repo"
-    archive = subprocess.run(["git", "--git-dir", clone, "archive", branch], check=True, stdout=subprocess.PIPE).stdout
+    archive = subprocess.run(
+        ["git", "--git-dir", clone, "archive", branch], check=True, stdout=subprocess.PIPE
+    ).stdout
     subprocess.run(["tar", "x", "-C", into], check=True, input=archive)
 
 
@@ -158,9 +160,13 @@ def compiled(folder: Path) -> None:
     text = states.read_text(encoding="utf-8")
     if "ros::Time::MIN" in text:  # Debian's rostime is older than the sources
         states.write_text(text.replace("ros::Time::MIN", "ros::Time()"), encoding="utf-8")
-    control = [sources / "ros_control" / each for each in ("hardware_interface", "controller_interface")]
+    control = [
+        sources / "ros_control" / each for each in ("hardware_interface", "controller_interface")
+    ]
     packages = [*control, sources / "ros_control/controller_manager", sources / "realtime_tools"]
-    packages += [controllers / each for each in ("joint_trajectory_controller", "joint_state_controller")]
+    packages += [
+        controllers / each for each in ("joint_trajectory_controller", "joint_state_controller")
+    ]
     folders = [
         HERE / "stub",
         Path("/usr/include/angles"),

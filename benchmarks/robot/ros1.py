@@ -215,7 +215,9 @@ def main(arguments: Arguments) -> None:
         stand(folder, arguments.stand, arguments.rate_hz)
         return
     results = folder / "results.jsonl"
-    done = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    done = (
+        [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    )
     if not arguments.tell:
         plan = planned(folder)
         with ExitStack() as stack:
@@ -226,7 +228,9 @@ def main(arguments: Arguments) -> None:
             for index in range(arguments.count):
                 for case in [case for kind in arguments.kinds for case in CASES[kind]]:
                     wanted = not arguments.only or case.name in arguments.only
-                    if not wanted or any((row["case"], row["index"]) == (case.name, index) for row in done):
+                    if not wanted or any(
+                        (row["case"], row["index"]) == (case.name, index) for row in done
+                    ):
                         continue
                     before = quiet(arguments.load, arguments.patience_s)
                     row = tried(robot, case, plan, arguments.rate_hz)
@@ -266,16 +270,23 @@ def planned(folder: Path) -> Path:
         page = (ROOT / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
         found = re.search(r"<!-- file: desk.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL)
         assert found is not None
-        course = found[1].replace("frames: 6", "frames: 3").replace("goal_m: [0.10,", "goal_m: [0.04,")
+        course = (
+            found[1].replace("frames: 6", "frames: 3").replace("goal_m: [0.10,", "goal_m: [0.04,")
+        )
         (folder / "desk.yaml").write_text(course)
-        assert ended(forked(["plan", str(folder / "desk.yaml"), "--out", str(plan)], folder / "plan")) == 0
+        assert (
+            ended(forked(["plan", str(folder / "desk.yaml"), "--out", str(plan)], folder / "plan"))
+            == 0
+        )
     return plan
 
 
 def tried(robot: Robot, case: Case, plan: Path, rate_hz: float) -> dict[str, Any]:
     """One run, with a fresh robot and a fresh rosbridge."""
     names, start = start_of(plan)
-    order = np.random.default_rng(3).permutation(len(names)) if case.shuffled else np.arange(len(names))
+    order = (
+        np.random.default_rng(3).permutation(len(names)) if case.shuffled else np.arange(len(names))
+    )
     robot.end(*(robot.processes.keys() - {"master", "rosapi", "estop"}))
     motions = robot.folder / "motions.txt"
     motions.unlink(missing_ok=True)
@@ -453,11 +464,15 @@ def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
         lines.append(f"| {' | '.join(map(str, columns))} |")
     ours = [row for row in done if row["case"] in {case.name for case in cases}]
     limit = Servo().velocity_rad_s
-    quiet = [row for row in ours if not row["said"] and row["exit"] >= 0 and row["case"] not in FOREIGN]
+    quiet = [
+        row for row in ours if not row["said"] and row["exit"] >= 0 and row["case"] not in FOREIGN
+    ]
     bad = {
         f"faster than {limit:g} rad/s": sum(row["fastest"] > limit for row in ours),
         "moved after a report that does not say so": sum(row["after"] > LEAST_RAD for row in quiet),
-        f"exit 0 more than {GOAL_RAD:g} rad off": sum((row["off"] or 0.0) > GOAL_RAD for row in ours),
+        f"exit 0 more than {GOAL_RAD:g} rad off": sum(
+            (row["off"] or 0.0) > GOAL_RAD for row in ours
+        ),
         f"another exit code than expected, {sum(starved(row) for row in ours)} of them for want of a processor": sum(
             not row["right"] for row in ours
         ),
@@ -528,7 +543,11 @@ def rows(motions: Path) -> Array:
     """The joints' log: time, fastest, angles, shape (N, 2 + J)."""
     text = motions.read_text().splitlines()[:-1] if motions.exists() else []
     found = [[float(word) for word in line.split()] for line in text]
-    return np.array([row for row in found if len(row) == len(found[-1])]) if found else np.zeros((0, 26))
+    return (
+        np.array([row for row in found if len(row) == len(found[-1])])
+        if found
+        else np.zeros((0, 26))
+    )
 
 
 def grown(motions: Path) -> None:

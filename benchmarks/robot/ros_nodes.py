@@ -97,7 +97,9 @@ def goal(rad):
     goal = FollowJointTrajectoryGoal()
     goal.trajectory.joint_names = true.name
     positions = [angle + float(rad) for angle in true.position]
-    goal.trajectory.points = [JointTrajectoryPoint(positions=positions, time_from_start=rospy.Duration(3.0))]
+    goal.trajectory.points = [
+        JointTrajectoryPoint(positions=positions, time_from_start=rospy.Duration(3.0))
+    ]
     client.send_goal(goal)
     say("did")
     client.wait_for_result()
@@ -107,7 +109,9 @@ def commands(seconds):
     """Another client that streams the pose that it found."""
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-    publisher = rospy.Publisher("/joint_trajectory_controller/command", JointTrajectory, queue_size=1)
+    publisher = rospy.Publisher(
+        "/joint_trajectory_controller/command", JointTrajectory, queue_size=1
+    )
     true = rospy.wait_for_message("/joint_states", JointState)
     say("ready")
     sys.stdin.readline()

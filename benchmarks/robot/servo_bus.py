@@ -78,7 +78,9 @@ CASES = (
         exits=(2,),
         says=r"servo 1 \(LF_yaw\) answers after \d+ ms, latency_ms",
     ),
-    Case(fault="silent servo 4", says=r"servo 4 \(LF_knee\): no answer; is it connected and powered"),
+    Case(
+        fault="silent servo 4", says=r"servo 4 \(LF_knee\): no answer; is it connected and powered"
+    ),
     Case(
         fault="overload 4",
         says=r"servo 4 \(LF_knee\): overload; its torque is off until it is rebooted",
@@ -87,7 +89,9 @@ CASES = (
     Case(fault="power loss", says="has the bus power"),
     Case(fault="cable pulled", says="is the cable in"),
     Case(fault="jumping values 4", says=r"servo 4 \(LF_knee\): measured to jump 0\.[5-7]\d rad"),
-    Case(fault="stale values 4", says=r"servo 4 \(LF_knee\): (its values are old|measured to turn)"),
+    Case(
+        fault="stale values 4", says=r"servo 4 \(LF_knee\): (its values are old|measured to turn)"
+    ),
     Case(fault="killed host", exits=(-signal.SIGKILL,)),
 )
 """12 faults, and two runs without one: a bus as it should be, and one that only lacks Fast Sync Read."""
@@ -144,7 +148,11 @@ def build(folder: Path, sources: Path | None) -> None:
         return
     clone = folder / "dynamixel2arduino"
     if not clone.exists():
-        origin = f"https://github.com/{SOURCE}" if sources is None else str(sources / SOURCE.replace("/", "+") / "repo")
+        origin = (
+            f"https://github.com/{SOURCE}"
+            if sources is None
+            else str(sources / SOURCE.replace("/", "+") / "repo")
+        )
         subprocess.run(["git", "clone", "--quiet", "--depth", "1", origin, str(clone)], check=True)
     code = clone / "src"
     files = [
@@ -163,7 +171,9 @@ def prepare(folder: Path) -> None:
         page = (ROOT / "docs" / "running-on-a-robot.md").read_text()
         found = re.search(r"<!-- file: desk.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL)
         assert found is not None, "the page has a course"
-        text = found[1].replace("frames: 6", "frames: 3").replace("goal_m: [0.10,", "goal_m: [0.04,")
+        text = (
+            found[1].replace("frames: 6", "frames: 3").replace("goal_m: [0.10,", "goal_m: [0.04,")
+        )
         write_text(folder / "desk.yaml", text)
         command = [
             sys.executable,
@@ -244,7 +254,9 @@ def run(case: Case, folder: Path, emulate: bool) -> dict[str, Any]:
     for name in ("bus", "bus.log", "run.mcap"):
         (folder / name).unlink(missing_ok=True)
     with emulated(folder) if emulate else robotis(folder, case) as faults:
-        injected = case.fault not in ("none", "killed host") and (emulate or case.fault != "no fast sync read")
+        injected = case.fault not in ("none", "killed host") and (
+            emulate or case.fault != "no fast sync read"
+        )
         if injected and case.before:
             faults.write(case.fault + "\n")
             faults.flush()

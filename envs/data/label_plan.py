@@ -49,7 +49,6 @@ class RowPlan(ABC):
                 f"got {self.rows} in {self.shards}"
             )
 
-
 @dataclass(frozen=True, kw_only=True)
 class LabelPlan(RowPlan):
     """What to label. The rows follow from it to the last bit, whoever draws them (on processors of one kind).

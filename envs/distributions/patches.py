@@ -18,7 +18,9 @@ FORWARD, UPWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 """Shear references on the ground and on walls."""
 
 
-def plain_problem(robot: Robot, legs: Sequence[str], stance: NominalStance, *, shear: Sequence[float]) -> Problem:
+def plain_problem(
+    robot: Robot, legs: Sequence[str], stance: NominalStance, *, shear: Sequence[float]
+) -> Problem:
     """The problem with every patch in its nominal place, the smallest that is drawn, and without friction."""
     triangles = stance.centre_m[:, None] + triangle(
         stance.normal, np.full(len(legs), stance.circumradius_m[0]), np.zeros(len(legs))

@@ -157,7 +157,9 @@ class _Labeller:
         ]
         return rows, kinds, [round(1e3 * outcome.effort.seconds, 3) for outcome in decided.outcomes]
 
-    def _row(self, sample: int, problem: Problem, outcome: Answer[Plan], point: Array | None) -> LabelledPosture:
+    def _row(
+        self, sample: int, problem: Problem, outcome: Answer[Plan], point: Array | None
+    ) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
         status, certificate, bound = outcome.status, outcome.certificate, outcome.bound
         if _kind(outcome) == "infeasible" and point is None:
@@ -190,7 +192,9 @@ class ShardDraft:
     kept: programs for its blocks.
     """
 
-    def __init__(self, header: Header, shard: int, draws_per_row: int, came: Counter[str], kept: KeptPrograms) -> None:
+    def __init__(
+        self, header: Header, shard: int, draws_per_row: int, came: Counter[str], kept: KeptPrograms
+    ) -> None:
         self._header, self._plan, self._came, self._programs = header, header.plan, came, kept
         self.shard = shard
         self._room = Counter(dict(zip(("feasible", "infeasible"), header.plan.quota(shard), strict=True)))

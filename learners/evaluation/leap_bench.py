@@ -110,7 +110,11 @@ def run(
     if on_progress is not None:
         on_progress("done", settings.scenes, settings.scenes)
     wanted = {*settings.methods, PROOF}
-    return [row for (index, method), row in sorted(rows.items()) if index < settings.scenes and method in wanted]
+    return [
+        row
+        for (index, method), row in sorted(rows.items())
+        if index < settings.scenes and method in wanted
+    ]
 
 
 def _kept(path: Path, settings: LeapBenchSettings) -> dict[tuple[int, str], dict[str, Any]]:
@@ -128,7 +132,9 @@ def _kept(path: Path, settings: LeapBenchSettings) -> dict[tuple[int, str], dict
             if number:
                 rows[int(row["scene"]), str(row["method"])] = row
         except (ValueError, TypeError, KeyError):
-            raise InvalidInput(f"{path}: line {number + 1}: expected a row of bench leaps, got {line[:60]!r}") from None
+            raise InvalidInput(
+                f"{path}: line {number + 1}: expected a row of bench leaps, got {line[:60]!r}"
+            ) from None
         if number == 0 and row != settings.shared:
             raise InvalidInput(f"{path}: expected rows of {settings.shared}, got those of {row}")
     return rows
@@ -141,13 +147,19 @@ class _Bench:
         self._settings, self._programs = settings, Programs()
         self._nlps: dict[tuple[Any, ...], LeapNlp] = {}
 
-    def missing(self, index: int, rows: Mapping[tuple[int, str], dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    def missing(
+        self, index: int, rows: Mapping[tuple[int, str], dict[str, Any]]
+    ) -> Iterator[dict[str, Any]]:
         """The rows of a scene that are not there yet, its proof last."""
         todo = [method for method in self._settings.methods if (index, method) not in rows]
         found = any(rows[index, method]["found"] for method in METHODS if (index, method) in rows)
         leap = self._settings.scene(index)
         for method in todo:
-            row = self._by_ipopt(leap) if method == "ipopt" else self._by_finder(leap, FINDERS[method])
+            row = (
+                self._by_ipopt(leap)
+                if method == "ipopt"
+                else self._by_finder(leap, FINDERS[method])
+            )
             found = found or row["found"]
             yield {"scene": index, "method": method, **row}
         if not found and self._settings.proof and (index, PROOF) not in rows:
@@ -177,7 +189,9 @@ class _Bench:
     def _by_ipopt(self, leap: Leap) -> dict[str, Any]:
         """IPOPT on the tuned rule's choices, one after the other, on every timing in turn."""
         numbers = [LeapNumbers.of(leap, timing) for timing in range(len(leap.timings_s))]
-        nlps = [self._nlp(leap, timing) for timing in range(len(numbers))]  # compiled once, which no row counts
+        nlps = [
+            self._nlp(leap, timing) for timing in range(len(numbers))
+        ]  # compiled once, which no row counts
         begin, tries, refused, found = time.process_time(), 0, 0, False
         search = LeapSearch(leap, FINDERS["rule-tuned"], self._programs)
         for timing, choice in search.choices():
@@ -200,7 +214,9 @@ class _Bench:
         }
 
     def _nlp(self, leap: Leap, timing: int) -> LeapNlp:
-        corners = max(len(patch.vertices_m) for foothold in leap.footholds for patch in foothold.candidates)
+        corners = max(
+            len(patch.vertices_m) for foothold in leap.footholds for patch in foothold.candidates
+        )
         key = (leap.timings_s[timing], corners, leap.holds.tobytes())
         if key not in self._nlps:
             self._nlps[key] = LeapNlp(leap, timing, corners=corners, reserve=True)
@@ -208,7 +224,9 @@ class _Bench:
 
     def _proof(self, leap: Leap) -> dict[str, Any]:
         begin = time.process_time()
-        answer = find_leap(leap, LeapFinder(solves=1, proof=self._settings.proof), programs=self._programs)
+        answer = find_leap(
+            leap, LeapFinder(solves=1, proof=self._settings.proof), programs=self._programs
+        )
         leaves = 0 if answer.certificate is None else len(answer.certificate.multipliers)
         return {
             "found": False,
@@ -233,7 +251,11 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
         own = [row for row in rows if row["method"] == method]
         within = {row["scene"]: row["solves"] for row in own if row["found"]}
         shared = [row for row in own if row["scene"] in solved]
-        cpu_s = float(np.median([row["cpu_s"] if row["found"] else math.inf for row in shared])) if shared else math.inf
+        cpu_s = (
+            float(np.median([row["cpu_s"] if row["found"] else math.inf for row in shared]))
+            if shared
+            else math.inf
+        )
         count, union = len(own), len(shared)
         lines.append(
             {
@@ -248,7 +270,8 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
                 "within_25_solves": share(sum(solves <= 25 for solves in within.values()), count),
                 "share_of_union": share(sum(solves <= 25 for solves in within.values()), union),
                 "cpu_s": cpu_s if math.isfinite(cpu_s) else None,
-                "tries_per_cpu_s": sum(row["tries"] for row in own) / max(sum(row["cpu_s"] for row in own), 1e-9),
+                "tries_per_cpu_s": sum(row["tries"] for row in own)
+                / max(sum(row["cpu_s"] for row in own), 1e-9),
                 "refused": sum(row["refused"] for row in own),
             }
         )

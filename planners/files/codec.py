@@ -55,7 +55,9 @@ INLINE: Mapping[str, Any] = types.MappingProxyType({"inline": True})
 """Metadata of a field that is a value whose own keys stand among those of this one."""
 
 Value = TypeVar("Value")
-PLAIN = ConfigDict(extra="forbid", arbitrary_types_allowed=True, protected_namespaces=(), defer_build=True)
+PLAIN = ConfigDict(
+    extra="forbid", arbitrary_types_allowed=True, protected_namespaces=(), defer_build=True
+)
 
 
 def to_json(value: Any) -> Any:
@@ -103,7 +105,9 @@ def from_json(kind: type[Value], data: Any, *, whole: bool = True, where: str = 
     """
     file_format = getattr(kind, "FORMAT", "")
     if file_format and not isinstance(data, Mapping):
-        raise InvalidInput(f"expected a JSON object with format {file_format!r}, got {type(data).__name__}")
+        raise InvalidInput(
+            f"expected a JSON object with format {file_format!r}, got {type(data).__name__}"
+        )
     keys = validated(keys_of(cast(Any, kind), whole=whole), data, where)
     try:
         return cast(Value, _value(kind, keys))
@@ -115,7 +119,9 @@ def from_json(kind: type[Value], data: Any, *, whole: bool = True, where: str = 
 def keys_of(kind: Any, *, whole: bool = True) -> type[BaseModel]:
     """The keys of a class as pydantic checks them; arguments as of ``from_json``."""
     form = _form(kind)
-    keys: dict[str, Any] = {"format": (Literal[form.FORMAT], ...)} if hasattr(form, "FORMAT") else {}
+    keys: dict[str, Any] = (
+        {"format": (Literal[form.FORMAT], ...)} if hasattr(form, "FORMAT") else {}
+    )
     made: type[BaseModel] = create_model(
         form.__name__,
         __config__=PLAIN,
@@ -166,7 +172,9 @@ def key_of(hint: Any, *, whole: bool = True) -> Any:
     if origin is tuple:
         return tuple[*(each if each is ... else part(each) for each in of)]  # type: ignore[misc]
     if is_dataclass(hint):
-        return Annotated[keys_of(cast(Any, hint), whole=whole), AfterValidator(partial(_value, hint))]
+        return Annotated[
+            keys_of(cast(Any, hint), whole=whole), AfterValidator(partial(_value, hint))
+        ]
     return hint
 
 
@@ -205,7 +213,9 @@ def numbers(value: Any, deepest: int = 8) -> Any:
                 inner = str(error)
                 if not isinstance(each, list | tuple):
                     inner = f"expected a valid number, got {shown(each)}"
-                raise InvalidInput(f"[{index}]{': ' if inner.startswith('expected') else ''}{inner}") from None
+                raise InvalidInput(
+                    f"[{index}]{': ' if inner.startswith('expected') else ''}{inner}"
+                ) from None
     return value
 
 
@@ -230,7 +240,9 @@ class Within:
     def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self.check, handler(kind))
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
         least = {"minimum": self.least} if self.above is None else {"exclusiveMinimum": self.above}
         return handler(schema) | least | {"maximum": self.most}
 
@@ -268,7 +280,11 @@ def _value(kind: Any, keys: BaseModel) -> Any:
 def _made(kind: Any, keys: BaseModel) -> Any:
     """The value of these keys. Raises InvalidInput with all that is wrong with it and with what is inline."""
     inline, wrong = _inline(kind), list[str]()
-    members = {field.name: getattr(keys, field.name) for field in _in_files(kind) if field.name not in inline}
+    members = {
+        field.name: getattr(keys, field.name)
+        for field in _in_files(kind)
+        if field.name not in inline
+    }
     for name, of in inline.items():
         try:
             members[name] = _made(of, keys)

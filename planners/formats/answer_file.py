@@ -52,7 +52,9 @@ def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInpu
         yield f"{where}[{index}]", item
 
 
-def read_problems(text: str, where: str, *, robot: Robot | None = None) -> Iterator[tuple[str, Problem | InvalidInput]]:
+def read_problems(
+    text: str, where: str, *, robot: Robot | None = None
+) -> Iterator[tuple[str, Problem | InvalidInput]]:
     """Yield (where, problem or its InvalidInput) for every posture problem in a text, in order."""
     for place, item in json_records(text, where):
         if isinstance(item, InvalidInput):

@@ -54,7 +54,9 @@ class GaitProgram:
     initial guess, shape (size,). ``formulation.formulate`` makes one.
     """
 
-    def __init__(self, task: Walk, settings: GaitSettings, structure: Structure, terms: Sequence[Constraint]) -> None:
+    def __init__(
+        self, task: Walk, settings: GaitSettings, structure: Structure, terms: Sequence[Constraint]
+    ) -> None:
         self.task, self.settings, self.structure = task, settings, structure
         self.nlp = Program(structure.layout.size, terms, [acceleration(structure)], force_rate(structure))
         self._ipopt = Ipopt(self.nlp, exact=settings.hessian == "exact", tolerance=settings.tolerance)

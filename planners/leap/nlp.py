@@ -53,13 +53,19 @@ class LeapNlp:
     reach, height, tilt and speed what plans keep, as instants between the program's own are judged, too.
     """
 
-    def __init__(self, leap: Leap, timing: int = 0, *, corners: int = 3, reserve: bool = False) -> None:
+    def __init__(
+        self, leap: Leap, timing: int = 0, *, corners: int = 3, reserve: bool = False
+    ) -> None:
         self.leap, self.corners = leap, corners
         self._share = FRICTION_SHARE if reserve else 1.0
-        self._reach_m, self._height_m, self._tilt_rad, self._speed = RESERVES if reserve else (0.0, 0.0, 0.0, 1.0)
+        self._reach_m, self._height_m, self._tilt_rad, self._speed = (
+            RESERVES if reserve else (0.0, 0.0, 0.0, 1.0)
+        )
         self.times = leap.times_s(timing)
         self.holds = leap.holds[leap.interval_phases]
-        self.contacts = [(k, i, int(j)) for k, row in enumerate(self.holds) for i, j in enumerate(row) if j >= 0]
+        self.contacts = [
+            (k, i, int(j)) for k, row in enumerate(self.holds) for i, j in enumerate(row) if j >= 0
+        ]
         toes, forces = ca.SX.sym("p", len(leap.footholds), 3), ca.SX.sym("f", len(self.contacts), 3)
         self._patches = ca.SX.sym("patches", len(leap.footholds), 7 + 6 * corners)
         self._ends = ca.SX.sym("ends", 2, 3)
@@ -101,7 +107,9 @@ class LeapNlp:
             forces[k, i] = push * leap.weight_n
         return NlpPoint(violation=float(self._violation(found, p)), toes_m=toes, forces_n=forces)
 
-    def nominal(self, leap: Leap, choice: Index, numbers: LeapNumbers) -> tuple[Array, Array, Array]:
+    def nominal(
+        self, leap: Leap, choice: Index, numbers: LeapNumbers
+    ) -> tuple[Array, Array, Array]:
         """To begin at: toes in the middles of their patches, and the motion of least forces."""
         at = numbers.nominal
         zeros = np.zeros((len(at.velocity), 6))
@@ -111,7 +119,9 @@ class LeapNlp:
             np.concatenate([at.com[::2], at.velocity, zeros], axis=1),
         )
 
-    def from_starts(self, leap: Leap, choice: Index, starts: int, rng: np.random.Generator) -> NlpPoint:
+    def from_starts(
+        self, leap: Leap, choice: Index, starts: int, rng: np.random.Generator
+    ) -> NlpPoint:
         """The point of least violation from a straight line and random forces, the first that is solved."""
         middles = self._middles(leap, choice)
         count = np.bincount([k for k, *_ in self.contacts], minlength=len(self.holds))
@@ -120,7 +130,9 @@ class LeapNlp:
         best: NlpPoint | None = None
         for number in range(starts):
             noise = 0.0 if number == 0 else 1.0
-            forces = share * (0.5 * normals + [0.0, 0.0, 0.5] + 0.3 * noise * rng.normal(size=normals.shape))
+            forces = share * (
+                0.5 * normals + [0.0, 0.0, 0.5] + 0.3 * noise * rng.normal(size=normals.shape)
+            )
             toes = middles + 0.01 * noise * rng.normal(size=middles.shape)
             found = self.solve(leap, choice, (toes, forces, self._straight(leap)))
             best = found if best is None or found.violation < best.violation else best
@@ -195,7 +207,9 @@ class LeapNlp:
             row = states[k, :].T
             return [row[3 * q : 3 * q + 3] / scales[q] for q in range(4)]
 
-        others = [s * ca.DM(getattr(leap.start, name)) for s, name in zip(scales, names, strict=True)][1:]
+        others = [
+            s * ca.DM(getattr(leap.start, name)) for s, name in zip(scales, names, strict=True)
+        ][1:]
         first = ca.vertcat(self._ends[0, :].T, *others)
         ask(states[0, :].T - first, 0.0, 0.0)
         c, v, spun, turn = state_at(0)
@@ -221,7 +235,9 @@ class LeapNlp:
                 for n, i, j in own:
                     if t == 0.0 and k > 0 and self.holds[k - 1, i] == j:
                         continue  # the end of the interval before asked
-                    self._leg(toes[j, :].T, com, speed, momentum, angle, forces[n, :].T, i, spin, ask)
+                    self._leg(
+                        toes[j, :].T, com, speed, momentum, angle, forces[n, :].T, i, spin, ask
+                    )
             after = ca.vertcat(*(s * part for s, part in zip(scales, at(dt), strict=True)))
             ask(states[k + 1, :].T - after, 0.0, 0.0)
             c, v, spun, turn = state_at(k + 1)
@@ -276,7 +292,9 @@ def _worst(rows: Any, low: list[float], high: list[float]) -> Any:
     return ca.mmax(ca.fmax(rows - ca.DM(high), ca.DM(low) - rows))
 
 
-def _after(c: Any, v: Any, spun: Any, turn: Any, total: Any, twist: Any, spin: Any, t: float) -> tuple[Any, ...]:
+def _after(
+    c: Any, v: Any, spun: Any, turn: Any, total: Any, twist: Any, spin: Any, t: float
+) -> tuple[Any, ...]:
     """c, v, L and Θ after t seconds of an interval of constant forces, as polynomials.
 
     ∫ c = c t + v t²/2 + a t³/6; L = L₀ + t Σ p × f − ∫ c × F; and once more for Θ.

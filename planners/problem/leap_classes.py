@@ -108,7 +108,9 @@ class LeapClass(BaseModel):
             f"{name}: expected scenes of {self.terrain} with footholds for every toe, drew {DRAWS} without"
         )
 
-    def _place(self, scene: Terrain, robot: Robot, xy_m: Array) -> tuple[Array, list[tuple[Patch, ...]]] | None:
+    def _place(
+        self, scene: Terrain, robot: Robot, xy_m: Array
+    ) -> tuple[Array, list[tuple[Patch, ...]]] | None:
         """Where the body is over a place, and the candidates of every toe; None where a toe has none."""
         toes = [xy_m + self._toe(limb, 0.0)[:2] for limb in robot.limbs]
         ground = [float(scene.grid(toe[:1], toe[1:])[0, 0]) for toe in toes]

@@ -83,7 +83,9 @@ class JointRelaxation:
             least_gap(rows, layout, toes, forces)
 
     @classmethod
-    def margin(cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
+    def margin(
+        cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
+    ) -> RelaxationAnswer:
         """The signed margin over one box (``table.RelaxedProgram``)."""
         return programs.get(cls, scaled.layout, True).solve(scaled, box, gradient=gradient)
 

@@ -91,7 +91,9 @@ class LiftProgram:
         body.steps(toes)
 
     @classmethod
-    def margin(cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
+    def margin(
+        cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
+    ) -> RelaxationAnswer:
         """The least moment residual, whatever the box (``table.RelaxedProgram``)."""
         return cls.answers(programs, [scaled], [[box]], [])[0]
 

@@ -103,7 +103,9 @@ class McCormick:
             objective(rows, layout, self._body, self._toes)
 
     @classmethod
-    def margin(cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
+    def margin(
+        cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
+    ) -> RelaxationAnswer:
         """The signed margin over one box (``table.RelaxedProgram``)."""
         return programs.get(cls, scaled.layout).solve(scaled, box, gradient=gradient)
 

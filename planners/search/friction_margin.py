@@ -119,7 +119,9 @@ def in_time(planner: Planner, deadline: float) -> Planner | None:
     return planner.with_limit(left_s) if isinstance(planner, Limitable) else planner
 
 
-def _braced(planner: Planner, course: Problem, outcome: Answer[Plan], deadline: float) -> tuple[Answer[Plan], float]:
+def _braced(
+    planner: Planner, course: Problem, outcome: Answer[Plan], deadline: float
+) -> tuple[Answer[Plan], float]:
     """The same, or where some stance of its plan bears no push one whose stances do; and the share of the weight that
     they bear: 0 for none."""
     assert outcome.solution is not None

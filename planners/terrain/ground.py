@@ -33,10 +33,15 @@ class Ground:
         """Which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its control points. Shape (S,)."""
         control, each = self._spline
         (x0, x1), (y0, y1) = (
-            [np.clip(np.searchsorted(knots, at[:, k], side="right") - 4, 0, len(knots) - 8) for at in (low, high)]
+            [
+                np.clip(np.searchsorted(knots, at[:, k], side="right") - 4, 0, len(knots) - 8)
+                for at in (low, high)
+            ]
             for k, knots in enumerate(each)
         )
-        tops = [control[a : b + 4, c : d + 4].max() for a, b, c, d in zip(x0, x1, y0, y1, strict=True)]
+        tops = [
+            control[a : b + 4, c : d + 4].max() for a, b, c, d in zip(x0, x1, y0, y1, strict=True)
+        ]
         return np.asarray(low[:, 2] < np.array(tops))
 
     def depth(self, points: Array) -> Array:
@@ -76,5 +81,8 @@ class Ground:
 
     def even(self, spacing_m: float) -> tuple[Array, Array, Array]:
         """Its heights on even grid lines at most so far apart: x, y and heights, shape (n,), (m,), (n, m) [m]."""
-        x, y = (np.linspace(a, b, int(np.ceil((b - a) / spacing_m)) + 1) for a, b in self.heights.domain_m)
+        x, y = (
+            np.linspace(a, b, int(np.ceil((b - a) / spacing_m)) + 1)
+            for a, b in self.heights.domain_m
+        )
         return x, y, self.heights.height(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))

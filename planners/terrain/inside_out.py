@@ -50,7 +50,9 @@ def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
     rank = np.arange(len(order)) - np.searchsorted(piece[order], piece[order])
     samples = order[(rank < SAMPLES) & np.isin(piece[order], suspects)]
     samples = samples[np.argsort(-areas[samples], kind="stable")]
-    off = OFF * np.sqrt(areas[samples])[:, None] * normals[samples] / (2.0 * areas[samples])[:, None]
+    off = (
+        OFF * np.sqrt(areas[samples])[:, None] * normals[samples] / (2.0 * areas[samples])[:, None]
+    )
     points = spread[samples].mean(axis=1) + off
     wrong = np.flatnonzero(_winding(spread[closed], points) < 0)
     return np.asarray(points[wrong[0]]) if len(wrong) else None
@@ -79,7 +81,9 @@ def _pieces(
     first[edge] = piece[owner]
     group = _joined(first[edge], piece[owner], len(alone))
     opened = ~alone[piece[owner]]
-    together = _balanced(group[piece[owner]][opened], edge[opened], ahead[opened], int(group.max()) + 1)[group]
+    together = _balanced(
+        group[piece[owner]][opened], edge[opened], ahead[opened], int(group.max()) + 1
+    )[group]
     suspects = np.flatnonzero((alone & (volume < -LEAST_M3)) | (~alone & together))
     return piece, suspects, (alone | together)[piece]
 
@@ -121,7 +125,10 @@ def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
     size = np.maximum(flat.max(axis=(0, 1)) - low, 1e-9) * (1.0 + 1e-9)
     cells = FINEST
     while True:
-        first, last = (((edge - low) / size * cells).astype(int) for edge in (flat.min(axis=1), flat.max(axis=1)))
+        first, last = (
+            ((edge - low) / size * cells).astype(int)
+            for edge in (flat.min(axis=1), flat.max(axis=1))
+        )
         wide = last - first + 1
         count = wide.prod(axis=1)
         if count.sum() <= MOST_ENTRIES or cells == 1:
@@ -129,7 +136,9 @@ def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
         cells //= 2
     owner = np.repeat(np.arange(len(flat)), count)
     step = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
-    cell = (first[owner, 0] + step // wide[owner, 1]) * cells + first[owner, 1] + step % wide[owner, 1]
+    cell = (
+        (first[owner, 0] + step // wide[owner, 1]) * cells + first[owner, 1] + step % wide[owner, 1]
+    )
     order = np.argsort(cell, kind="stable")
     cell, owner = cell[order], owner[order]
     place = ((rays[:, :2] - low) / size * cells).astype(int).clip(-1, cells) @ [cells, 1]
@@ -140,7 +149,9 @@ def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
     its = owner[begin[ray] + np.arange(len(ray)) - (np.cumsum(near) - near)[ray]]
     sides = turned[its] - rays[ray][:, None]
     x, y = sides[:, :, 0], sides[:, :, 1]
-    weights = np.roll(x, -1, axis=1) * np.roll(y, -2, axis=1) - np.roll(x, -2, axis=1) * np.roll(y, -1, axis=1)
+    weights = np.roll(x, -1, axis=1) * np.roll(y, -2, axis=1) - np.roll(x, -2, axis=1) * np.roll(
+        y, -1, axis=1
+    )
     whole = weights.sum(axis=1)
     inside = np.all(weights * np.sign(whole)[:, None] > 0.0, axis=1)
     ahead = inside & (np.vecdot(weights, sides[:, :, 2]) * np.sign(whole) > 0.0)

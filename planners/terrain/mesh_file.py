@@ -25,7 +25,9 @@ def read_corners(path: str | Path, most_triangles: int = MOST_TRIANGLES, hint: s
     """
     suffix = Path(path).suffix.lower()
     if suffix not in READERS:
-        raise InvalidInput(f"{path}: expected a mesh that ends in {', '.join(READERS)}, got {suffix or 'none'}")
+        raise InvalidInput(
+            f"{path}: expected a mesh that ends in {', '.join(READERS)}, got {suffix or 'none'}"
+        )
     content = read_bytes(path, MOST_BYTES)
     try:
         with np.errstate(all="ignore"):  # absurd magnitudes end as corners that are not finite
@@ -37,7 +39,9 @@ def read_corners(path: str | Path, most_triangles: int = MOST_TRIANGLES, hint: s
     if len(triangles) == 0:
         raise InvalidInput(f"{path}: expected a mesh with triangles, got an empty one")
     if not np.all((triangles >= 0) & (triangles < len(corners))):
-        raise InvalidInput(f"{path}: expected a mesh whose triangles are of its {len(corners)} corners, got others")
+        raise InvalidInput(
+            f"{path}: expected a mesh whose triangles are of its {len(corners)} corners, got others"
+        )
     sound = np.abs(corners) <= LARGEST
     if not np.all(sound):
         raise InvalidInput(

@@ -41,7 +41,10 @@ def rounded(
     corners = np.concatenate([patch.vertices_m for patch in up])
     low = corners[:, :2].min(axis=0) if low_m is None else low_m
     high = corners[:, :2].max(axis=0) if high_m is None else high_m
-    x, y = (np.linspace(a, b, max(4, round(float(b - a) / SPACING_M) + 1)) for a, b in zip(low, high, strict=True))
+    x, y = (
+        np.linspace(a, b, max(4, round(float(b - a) / SPACING_M) + 1))
+        for a, b in zip(low, high, strict=True)
+    )
     heights = np.full((len(x), len(y)), min(VOID_M, float(corners[:, 2].min())))
     for patch in up:
         _raise_to(heights, x, y, patch, 0.0)
@@ -57,12 +60,17 @@ def _raise_to(heights: Array, x: Array, y: Array, patch: Patch, reach_m: float) 
     corners = patch.vertices_m[:, :2]
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = reach_m + EDGE_M
-    i, j = (slice(*np.searchsorted(line, (a - room, b + room))) for line, a, b in zip((x, y), low, high, strict=True))
+    i, j = (
+        slice(*np.searchsorted(line, (a - room, b + room)))
+        for line, a, b in zip((x, y), low, high, strict=True)
+    )
     if i.start == i.stop or j.start == j.stop:
         return False
     places = np.stack(np.meshgrid(x[i], y[j], indexing="ij"), axis=-1)
     upright = len(corners) == 4 and bool(np.all((corners == low) | (corners == high)))
-    on = np.clip(places, low, high) if upright else nearest(corners, places)  # most are rectangles along the axes
+    on = (
+        np.clip(places, low, high) if upright else nearest(corners, places)
+    )  # most are rectangles along the axes
     beyond = np.sqrt(((places - on) ** 2).sum(axis=-1))
     lifted = patch.centre_m[2] - (on - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
     lifted -= SLOPE * (np.sqrt(beyond**2 + ROUND_M**2) - ROUND_M)

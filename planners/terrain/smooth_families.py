@@ -35,12 +35,20 @@ def _stairs(difficulty: float, rng: np.random.Generator) -> Shape:
     """Straight stairs up and down through the domain, steps up to 22 cm, edges rounded over 10 cm."""
     turn, tread = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 0.8)
     edges = LEVEL_M + 0.1 + tread * np.arange(int((HALF_WIDTH_M * 1.5) / tread))
-    steps = 0.22 * difficulty * rng.uniform(0.7, 1.0, len(edges)) * rng.choice([1.0, 1.0, -1.0], len(edges))
+    steps = (
+        0.22
+        * difficulty
+        * rng.uniform(0.7, 1.0, len(edges))
+        * rng.choice([1.0, 1.0, -1.0], len(edges))
+    )
 
     def shape(x: Array, y: Array) -> Array:
         along = np.abs(np.cos(turn) * x + np.sin(turn) * y)
         return sum(
-            (s * 0.5 * (1.0 + np.tanh((along - e) / 0.06)) for s, e in zip(steps, edges, strict=True)),
+            (
+                s * 0.5 * (1.0 + np.tanh((along - e) / 0.06))
+                for s, e in zip(steps, edges, strict=True)
+            ),
             start=np.zeros_like(x),
         )
 
@@ -68,7 +76,12 @@ def _stones(difficulty: float, rng: np.random.Generator) -> Shape:
 def _ramps(difficulty: float, rng: np.random.Generator) -> Shape:
     """Planes up to 35° steep that meet in rounded ridges and valleys."""
     turns, levels = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(0.8, 2.0, 3)
-    slopes = np.tan(np.deg2rad(35.0)) * difficulty * rng.uniform(0.4, 1.0, 3) * rng.choice([-1.0, 1.0], 3)
+    slopes = (
+        np.tan(np.deg2rad(35.0))
+        * difficulty
+        * rng.uniform(0.4, 1.0, 3)
+        * rng.choice([-1.0, 1.0], 3)
+    )
 
     def shape(x: Array, y: Array) -> Array:
         height = np.zeros_like(x)

@@ -16,7 +16,6 @@ from .polygon import EDGE_M, UPRIGHT, VOID_M, half_planes
 if TYPE_CHECKING:
     from .heightfield import HeightField  # splines are slow to import
 
-
 @dataclass(frozen=True, eq=False)
 class Terrain:
     """One ground, for key frames as patches and for walks as heights.
@@ -45,7 +44,11 @@ class Terrain:
         """Surfaces that toes may stand on, each with its name in messages."""
         if self.footholds is not None:
             return tuple((f"foothold {i}", patch) for i, patch in enumerate(self.footholds))
-        return tuple((f"terrain patch {i}", self.patches[i]) for i, footing in enumerate(self.footing) if footing)
+        return tuple(
+            (f"terrain patch {i}", self.patches[i])
+            for i, footing in enumerate(self.footing)
+            if footing
+        )
 
     @property
     def surfaces(self) -> tuple[tuple[Patch, bool], ...]:
@@ -68,7 +71,9 @@ class Terrain:
         Of polygons those of the highest one that faces up, edges sharp, or ``VOID_M``.
         """
         places = np.stack(np.meshgrid(x_m, y_m, indexing="ij"), axis=-1)
-        if self.footholds is not None and self.heights is not None:  # its patches are pieces of its heights
+        if (
+            self.footholds is not None and self.heights is not None
+        ):  # its patches are pieces of its heights
             return self.heights.height(places)
         heights = np.full(places.shape[:2], -np.inf)
         for patch in self.patches:
@@ -76,7 +81,10 @@ class Terrain:
                 continue
             normals, offsets = half_planes(patch.vertices_m[:, :2])
             within = np.all(places @ normals.T <= offsets + EDGE_M, axis=-1)
-            lifted = patch.centre_m[2] - (places - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+            lifted = (
+                patch.centre_m[2]
+                - (places - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+            )
             heights = np.where(within, np.maximum(heights, lifted), heights)
         return np.where(np.isfinite(heights), heights, VOID_M)
 
@@ -84,7 +92,9 @@ class Terrain:
         """The same ground with this factor on every friction."""
         checked(factor, "friction", least=0.0)
         patches, footholds = (
-            None if each is None else tuple(patch.with_friction(factor * patch.friction) for patch in each)
+            None
+            if each is None
+            else tuple(patch.with_friction(factor * patch.friction) for patch in each)
             for each in (self.patches, self.footholds)
         )
         return replace(self, patches=patches or (), footholds=footholds)

@@ -169,3 +169,4 @@ def _check_cover(triangles: Array, spacing: float, name: str) -> None:
         raise InvalidInput(
             f"{name}: expected triangles over {MOST_COVERED:g} grid points in all or fewer, got {covered:.3g}"
         )
+

@@ -149,7 +149,9 @@ def bodies_report(
     )  # fmt: skip
 
 
-def check_bodies(plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf) -> tuple[Group, ...]:
+def check_bodies(
+    plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf
+) -> tuple[Group, ...]:
     """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad], and, where limbs carry
     between them, ``motion``, of the path through them where they are the plan's own.
 

@@ -49,7 +49,9 @@ def posture_report(posture: Plan, tolerance: float) -> Report[Plan]:
         "linearisation_m": float(length(exact - linear).max()),
         "exact_reach_m": max(0.0, float(out.max())),
     }
-    return Report(groups=tuple(groups.values()), answer=posture, tolerance=tolerance, figures=figures)
+    return Report(
+        groups=tuple(groups.values()), answer=posture, tolerance=tolerance, figures=figures
+    )
 
 
 def check_postures(postures: Sequence[Plan], *, without: Collection[str] = ()) -> Array:

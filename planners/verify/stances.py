@@ -173,10 +173,7 @@ class Stances:
         body = np.array(
             [
                 (
-                    p.com_radius_m[0],
-                    p.tilt_limit_rad,
-                    p.weight_n,
-                    p.length_scale_m,
+                    p.com_radius_m[0], p.tilt_limit_rad, p.weight_n, p.length_scale_m,
                     p.moment_scale_nm / p.length_scale_m,
                 )
                 for p in problems

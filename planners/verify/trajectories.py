@@ -155,4 +155,6 @@ def _whole(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
 
 def _refused(trajectory: Trajectory, limits: WalkLimits, defect: str) -> Report[Trajectory]:
     groups = tuple(Group(group, math.inf, 0.0, unit) for group, unit in GROUPS.items())
-    return Report(groups=groups, answer=trajectory, tolerance=0.0, limits=asdict(limits), defect=defect)
+    return Report(
+        groups=groups, answer=trajectory, tolerance=0.0, limits=asdict(limits), defect=defect
+    )

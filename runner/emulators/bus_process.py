@@ -25,12 +25,16 @@ GOAL, POSITION = b"\x74\0\x04\0", b"\x84\0\x04\0"
 class BusProcess:
     """A ``EmulatedBus`` in a child process; ``path`` is the port to open. A context manager."""
 
-    def __init__(self, position_rad: Sequence[float] | None = None, *, count: int = 24, seed: int = 0) -> None:
+    def __init__(
+        self, position_rad: Sequence[float] | None = None, *, count: int = 24, seed: int = 0
+    ) -> None:
         command = [sys.executable, "-m", "stancekit.runner.emulators.bus_process"]
         command += ["--count", str(count), "--seed", str(seed)]
         if position_rad is not None:
             command += ["--position=" + ",".join(f"{value:.9g}" for value in position_rad)]
-        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         self.path = str(self._answer()["path"])
 
     def inject(self, fault: str, at_s: float = 0.0) -> None:
@@ -117,7 +121,9 @@ def bus_pace(count: int = 24, seconds: float = 1.0) -> BusPace:
                 time.sleep(max(0.0, due_s - time.monotonic()))
         finally:
             os.close(port)
-        return BusPace(time_share=float(bus.state()["time_share"]), usual_s=median(waited_s), worst_s=max(waited_s))
+        return BusPace(
+            time_share=float(bus.state()["time_share"]), usual_s=median(waited_s), worst_s=max(waited_s)
+        )
 
 
 def main() -> None:

@@ -102,7 +102,9 @@ class RosBridge:
         self._due: list[tuple[float, str]] = []
         self._faults: set[str] = set()
         self._statuses: list[dict[str, Any]] = []
-        self._server = serve(self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL))
+        self._server = serve(
+            self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL)
+        )
         self.port = int(self._server.socket.getsockname()[1])
         self.robot.now_s = self._ticked_s = time.monotonic()
         self.robot.stop()
@@ -181,7 +183,8 @@ class RosBridge:
             self.errors.append(why)
         self._say(
             client,
-            {"op": "status", "level": "error", "msg": why} | ({} if message is None else {"id": message}),
+            {"op": "status", "level": "error", "msg": why}
+            | ({} if message is None else {"id": message}),
         )
 
     def _advertise(self, client: Client, message: dict[str, Any]) -> None:
@@ -219,7 +222,9 @@ class RosBridge:
 
     def _publish(self, client: Client, message: dict[str, Any]) -> None:
         """What comes before the topic has its subscribers waits for them, as long as a rosbridge keeps it."""
-        since_s = time.monotonic() - client.advertised.setdefault(message["topic"], time.monotonic())
+        since_s = time.monotonic() - client.advertised.setdefault(
+            message["topic"], time.monotonic()
+        )
         missed = self._misses and message["topic"] not in client.ended
         if "commands lost" in self._faults or missed or (since_s < self._connect_s and self._connect_s > KEPT_S):
             return
@@ -259,7 +264,11 @@ class RosBridge:
                 self._finished1(told, status, INVALID_JOINTS if status == "rejected" else 0)
 
     def _call_service(self, client: Client, message: dict[str, Any]) -> None:
-        if self.ros == 2 and message["service"] == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal":
+        if (
+            self.ros == 2
+            and message["service"]
+            == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal"
+        ):
             self._cancel_goal(client, message)
             return
         values = self._service(message["service"], message.get("args", {}))
@@ -275,7 +284,9 @@ class RosBridge:
         if service == "/controller_manager/switch_controller":
             with self._lock:
                 self.log.append(("switch", time.monotonic()))
-                self.robot.on = bool(request.get("activate_controllers") or request.get("start_controllers"))
+                self.robot.on = bool(
+                    request.get("activate_controllers") or request.get("start_controllers")
+                )
                 self.robot.stop()
             return {"ok": True}
         if service == "/controller_manager/list_controllers":
@@ -361,7 +372,8 @@ class RosBridge:
             values = {"error_code": code, "error_string": ""}
             self._say(
                 client,
-                head | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True},
+                head
+                | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True},
             )
 
         if self._one_thread:
@@ -480,7 +492,11 @@ class RosBridge:
                 "points": [{"positions": point, "time_from_start": after}],
             }
             self.robot.load(path, self._nanos, self._epoch_s)
-        if self._estop == "regular" and now > self._regular_s + 0.5 and "e-stop gone" not in self._faults:
+        if (
+            self._estop == "regular"
+            and now > self._regular_s + 0.5
+            and "e-stop gone" not in self._faults
+        ):
             self._regular_s = now
             self._tell("/e_stop", {"data": "e-stop" in self._faults})
 
@@ -513,7 +529,9 @@ class RosBridge:
         self._tell("/joint_states", self._header() | said)
         if robot.on:
             state = self._header() | self._feedback()
-            self._tell(f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", state)
+            self._tell(
+                f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", state
+            )
         if self.ros == 1:
             going = [{"goal_id": {"id": each}, "status": 0} for each in self._accepting]
             going += [{"goal_id": {"id": each}, "status": 1} for each in self._running]

@@ -127,7 +127,9 @@ def path_wrong(said: Any, nanos: str) -> str | None:
         if (wrong := fields_wrong(point, "JointTrajectoryPoint")) is not None:
             return wrong
         time_s = point["time_from_start"]
-        if set(time_s) != {whole, nanos} or not all(type(v) is int and v >= 0 for v in time_s.values()):
+        if set(time_s) != {whole, nanos} or not all(
+            type(v) is int and v >= 0 for v in time_s.values()
+        ):
             return f"JointTrajectoryPoint: time_from_start is {time_s}"
         if len(point["positions"]) != len(said["joint_names"]):
             return "JointTrajectoryPoint: positions are not one a joint"

@@ -74,7 +74,9 @@ class ServoAnswers:
         if address <= GOAL < address + size:
             at = 1 + GOAL - address
             self.goal_rows += 1
-            self.goals.append([int.from_bytes(row[at : at + 4], "little", signed=True) for row in rows])
+            self.goals.append(
+                [int.from_bytes(row[at : at + 4], "little", signed=True) for row in rows]
+            )
         at = 1 + TORQUE - address
         if 0 < at <= size and any(row[at : at + 1] == b"\1" for row in rows):
             self.torque_rows += 1
@@ -91,7 +93,9 @@ class ServoAnswers:
             damaged = request.servo == me and level == 2
             return self._sent(p2.status(me, alert | p2.BAD_CRC)) if damaged else b""
         if request.instruction == p2.PING:
-            return self._sent(p2.status(me, alert, servos.read(index, 0, 2)[1] + servos.read(index, 6, 1)[1]))
+            return self._sent(
+                p2.status(me, alert, servos.read(index, 0, 2)[1] + servos.read(index, 6, 1)[1])
+            )
         if request.servo == p2.BROADCAST:
             return b""
         if request.instruction == p2.READ and len(given) == 4:
@@ -104,7 +108,11 @@ class ServoAnswers:
             servos.reboot(index)
             return self._sent(p2.status(me, 0)) if level == 2 else b""
         known = request.instruction in (p2.READ, p2.WRITE)
-        return self._sent(p2.status(me, alert | (p2.ACCESS if known else p2.BAD_INSTRUCTION))) if level == 2 else b""
+        return (
+            self._sent(p2.status(me, alert | (p2.ACCESS if known else p2.BAD_INSTRUCTION)))
+            if level == 2
+            else b""
+        )
 
     def _read(self, index: int, address: int, size: int) -> bytes:
         """Status packet with data; those of two servos with one id lie over each other, and a 0 bit wins."""
@@ -116,7 +124,9 @@ class ServoAnswers:
         second = p2.status(self.servos.ids[index], error, data)
         return bytes(a & b for a, b in zip(first, second, strict=False))
 
-    def _measured(self, index: int, address: int, size: int, turned_rad: float = 0.0) -> tuple[int, bytes]:
+    def _measured(
+        self, index: int, address: int, size: int, turned_rad: float = 0.0
+    ) -> tuple[int, bytes]:
         """Error and bytes as the servo reports them, which need not be true."""
         servos, kept = self.servos, self.servos.position[index]
         turned_rad += JUMP_RAD if index in self.jumping else 0.0
@@ -130,7 +140,9 @@ class ServoAnswers:
         servos.position[index] = kept
         return error, data
 
-    def _many(self, request: p2.Request, asked: dict[int, int], waits: dict[int, float]) -> tuple[bytes, float]:
+    def _many(
+        self, request: p2.Request, asked: dict[int, int], waits: dict[int, float]
+    ) -> tuple[bytes, float]:
         """One status after the other; nothing after the first that is silent, for each waits for the last."""
         given, parts, singles = request.parameters, list[tuple[int, int, bytes]](), list[bytes]()
         address, size = int.from_bytes(given[:2], "little"), int.from_bytes(given[2:4], "little")
@@ -149,8 +161,13 @@ class ServoAnswers:
         if not fast:
             return b"".join(singles), pause
         silent = [(servo, 0, bytes(size)) for servo in given[4 + len(parts) :]]
-        whole = p2.fast_status(parts + silent)  # the first servo writes the length that all of them will have
-        if any(asked[servo] in self.twins for servo, _, _ in parts) and address + size > POSITION.start:
+        whole = p2.fast_status(
+            parts + silent
+        )  # the first servo writes the length that all of them will have
+        if (
+            any(asked[servo] in self.twins for servo, _, _ in parts)
+            and address + size > POSITION.start
+        ):
             whole = whole[:-9] + bytes(byte & 0x55 for byte in whole[-9:])
         return self._sent(whole[: len(whole) - len(silent) * (size + 4)] if parts else b""), pause
 
@@ -159,5 +176,9 @@ class ServoAnswers:
         if self.corrupt and len(answer) > 9:
             self.corrupt -= 1
             place = int(self._rng.integers(8, len(answer)))
-            answer = answer[:place] + bytes([answer[place] ^ 1 << int(self._rng.integers(8))]) + answer[place + 1 :]
+            answer = (
+                answer[:place]
+                + bytes([answer[place] ^ 1 << int(self._rng.integers(8))])
+                + answer[place + 1 :]
+            )
         return answer

@@ -24,7 +24,10 @@ from . import protocol2 as p2
 from .servo_answers import ServoAnswers
 from .servos import FIRMWARE, MODEL, Servos
 
-BAUDS = {getattr(termios, f"B{baud}"): baud for baud in (57600, 115200, 1000000, 2000000, 3000000, 4000000)}
+BAUDS = {
+    getattr(termios, f"B{baud}"): baud
+    for baud in (57600, 115200, 1000000, 2000000, 3000000, 4000000)
+}
 REGISTER_BAUDS = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000, 4500000)
 FAULTS = {
     "silent servo": "a servo answers nothing any more",
@@ -53,7 +56,9 @@ FAULTS = {
     "wrong model": "a servo is another model",
 }
 """Faults by name, and what happens then. A number behind the name is the id of the servo, drawn where there is none."""
-FAULT = re.compile(rf"(?P<kind>{'|'.join(FAULTS)})(?: (?P<servo>\d+))?(?: in (?P<at_s>\d*\.?\d+)(?: s)?)?")
+FAULT = re.compile(
+    rf"(?P<kind>{'|'.join(FAULTS)})(?: (?P<servo>\d+))?(?: in (?P<at_s>\d*\.?\d+)(?: s)?)?"
+)
 IDLE_S = 0.004
 SLOWEST_S = 0.012
 DELAY_S, FROZEN_S = 0.1, 1.0
@@ -145,10 +150,14 @@ class EmulatedBus(threading.Thread):
         servo, index = words["servo"], None
         if servo is not None:
             if int(servo) not in self.servos.ids:
-                raise ValueError(f"expected the id of a servo, {listed(self.servos.ids)}, got {servo}")
+                raise ValueError(
+                    f"expected the id of a servo, {listed(self.servos.ids)}, got {servo}"
+                )
             index = self.servos.ids.index(int(servo))
         with self._lock:
-            self._due.append((time.monotonic() + at_s + float(words["at_s"] or 0.0), words["kind"], index))
+            self._due.append(
+                (time.monotonic() + at_s + float(words["at_s"] or 0.0), words["kind"], index)
+            )
 
     def state(self) -> dict[str, Any]:
         """What the servos are at, JSON-ready.

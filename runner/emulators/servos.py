@@ -143,7 +143,9 @@ class Servos:
         for offset in range(size):
             place = address + offset - INDIRECT_DATA
             if 0 <= place < INDIRECT_COUNT:
-                found[offset] = table[int.from_bytes(table[INDIRECT + 2 * place : INDIRECT + 2 * place + 2], "little")]
+                found[offset] = table[
+                    int.from_bytes(table[INDIRECT + 2 * place : INDIRECT + 2 * place + 2], "little")
+                ]
         return self.alert(index), bytes(found)
 
     def write(self, index: int, address: int, data: bytes) -> int:
@@ -182,7 +184,9 @@ class Servos:
         size = FIELDS[address][0]
         return int.from_bytes(self.table[index][address : address + size], "little", signed=signed)
 
-    def _write_field(self, index: int, address: int, value: int, size: int, range_: tuple[int, int]) -> int:
+    def _write_field(
+        self, index: int, address: int, value: int, size: int, range_: tuple[int, int]
+    ) -> int:
         least, most = range_
         if least >= 0 and value < 0:
             value += 1 << 8 * size
@@ -216,8 +220,12 @@ class Servos:
         n = range(len(self.ids))
         self._torque = np.array([bool(self.get(i, 64)) for i in n])
         modes = [self.get(i, 11) for i in n]
-        self._most_a = UNIT_A * np.array([abs(self.get(i, 102, True)) if modes[i] == 5 else 2047 for i in n])
-        self._watch_s = np.array([0.02 * w if 0 < (w := self.get(i, 98)) < 128 else np.inf for i in n])
+        self._most_a = UNIT_A * np.array(
+            [abs(self.get(i, 102, True)) if modes[i] == 5 else 2047 for i in n]
+        )
+        self._watch_s = np.array(
+            [0.02 * w if 0 < (w := self.get(i, 98)) < 128 else np.inf for i in n]
+        )
         profile = np.array([self.get(i, 112) for i in n]) * UNIT_RAD_S
         self._fastest = np.where(profile > 0, profile, 30.0 * 2 * np.pi / 60)
         self._stiffness = STIFFNESS / 800 * np.array([self.get(i, 84) for i in n])
@@ -245,7 +253,9 @@ class Servos:
         self.rate[self.position != moved] = 0.0
         if (np.abs(self.rate) > REST_RAD_S).any():
             self.moved_s = self.now
-        pressing = drives & (np.abs(self.current) >= 0.98 * self._most_a) & (np.abs(self.rate) < 0.05)
+        pressing = (
+            drives & (np.abs(self.current) >= 0.98 * self._most_a) & (np.abs(self.rate) < 0.05)
+        )
         self.at_limit_s = np.where(pressing, self.at_limit_s + PHYSICS_S, 0.0)
         for index in np.flatnonzero(self.at_limit_s > OVERLOAD_S).tolist():
             if self.get(index, 63) & OVERLOAD:
@@ -270,7 +280,9 @@ class Servos:
 
     def _put(self, index: int, address: int, value: int) -> None:
         size = FIELDS[address][0]
-        self.table[index][address : address + size] = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+        self.table[index][address : address + size] = (value & ((1 << 8 * size) - 1)).to_bytes(
+            size, "little"
+        )
 
     def _factory(self, index: int, addresses: range) -> None:
         for address, (_, _, value, _, _) in FIELDS.items():

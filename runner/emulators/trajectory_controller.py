@@ -117,7 +117,9 @@ class Controller:
         times = np.array([_seconds(point["time_from_start"], nanos) - late_s for point in points])
         positions = np.array([[point["positions"][i] for i in order] for point in points])
         has = all(len(point.get("velocities", [])) == len(names) for point in points)
-        velocities = np.array([[point["velocities"][i] for i in order] for point in points]) if has else None
+        velocities = (
+            np.array([[point["velocities"][i] for i in order] for point in points]) if has else None
+        )
         start, rate = self.desired()
         self.path = CommandedPath(self.now_s, start.copy(), rate.copy(), times, positions, velocities)
         return True
@@ -127,8 +129,12 @@ class Controller:
         if not self.load(goal["trajectory"], nanos, epoch_s):
             return None
         self.end("aborted", SUCCESSFUL)
-        path, end = (self._tolerances(goal.get(key, [])) for key in ("path_tolerance", "goal_tolerance"))
-        self.task = Task(path, end, _seconds(goal.get("goal_time_tolerance", {}), nanos), self.now_s)
+        path, end = (
+            self._tolerances(goal.get(key, [])) for key in ("path_tolerance", "goal_tolerance")
+        )
+        self.task = Task(
+            path, end, _seconds(goal.get("goal_time_tolerance", {}), nanos), self.now_s
+        )
         return self.task
 
     def end(self, how: str, code: int) -> None:
@@ -142,7 +148,9 @@ class Controller:
             self.now_s += STEP_S
             wanted = self.desired()[0]
             w = self.bandwidth_rad_s
-            self.rate = self.rate + STEP_S * (w * w * (wanted - self.position) - 2.0 * w * self.rate)
+            self.rate = self.rate + STEP_S * (
+                w * w * (wanted - self.position) - 2.0 * w * self.rate
+            )
             self.rate = np.clip(
                 np.where(self.stuck | (not self.on), 0.0, self.rate),
                 -self.most_rad_s,
@@ -172,4 +180,6 @@ class Controller:
 
 
 def _seconds(message: dict[str, int], nanos: str) -> float:
-    return float(message.get("sec" if nanos == "nanosec" else "secs", 0) + 1e-9 * message.get(nanos, 0))
+    return float(
+        message.get("sec" if nanos == "nanosec" else "secs", 0) + 1e-9 * message.get(nanos, 0)
+    )

@@ -129,7 +129,9 @@ def _jumps(path: Array, most_rad: float = JUMP_RAD) -> NDArray[np.int_]:
     return np.asarray(np.argwhere(far.max(axis=2) >= most_rad) + np.array([1, 0]))
 
 
-def _without_jumps(path: Array, samples: Sequence[Samples], solids: Sequence[Solid], kinematics: Kinematics) -> Array:
+def _without_jumps(
+    path: Array, samples: Sequence[Samples], solids: Sequence[Solid], kinematics: Kinematics
+) -> Array:
     """The path with those swings chosen anew in which a limb jumps, from where it stands to where it stands again."""
     found, swings = np.array(path), set[tuple[int, int, int]]()
     stands = np.array([sample.foothold for sample in samples]) >= 0

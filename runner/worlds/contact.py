@@ -51,14 +51,18 @@ class SoftContact:
             checked(self.damping_ns_m, "contact_damping_ns_m", least=0.0, most=MOST_N_M)
 
     @classmethod
-    def of(cls, contact_stiffness_n_m: float | None, contact_damping_ns_m: float | None) -> SoftContact | None:
+    def of(
+        cls, contact_stiffness_n_m: float | None, contact_damping_ns_m: float | None
+    ) -> SoftContact | None:
         """The ground that two settings ask for, None where they ask for none.
 
         Raises InvalidInput for a damping alone.
         """
         if contact_stiffness_n_m is None:
             if contact_damping_ns_m is not None:
-                raise InvalidInput("contact_damping_ns_m: expected contact_stiffness_n_m with it, got none")
+                raise InvalidInput(
+                    "contact_damping_ns_m: expected contact_stiffness_n_m with it, got none"
+                )
             return None
         return cls(stiffness_n_m=contact_stiffness_n_m, damping_ns_m=contact_damping_ns_m)
 
@@ -111,7 +115,9 @@ class SimulationSetup:
         """Read a file, YAML or JSON. Raises InvalidInput with all that is wrong."""
         data = read_yaml(path)
         if data.get("format") != FORMAT:
-            raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}")
+            raise InvalidInput(
+                f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}"
+            )
         found = validated(cls, data, str(path))
         try:
             SoftContact.of(found.contact_stiffness_n_m, found.contact_damping_ns_m)

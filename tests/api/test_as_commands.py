@@ -32,18 +32,24 @@ def test_selectors_are_fitted_and_compared_with_the_lift(rows: list[stancekit.Da
     seen = list[int]()
     fitted = stancekit.fit(train, "quantile", progress=lambda done, total: seen.append(done))
     scores = [
-        stancekit.evaluate(one, test, projections=["fix-p"], progress=lambda done, total: seen.append(done))
+        stancekit.evaluate(
+            one, test, projections=["fix-p"], progress=lambda done, total: seen.append(done)
+        )
         for one in (fitted, "lift")
     ]
     assert [score.selector for score in scores] == ["selector", "lift"]
     assert seen[-1] == scores[0].p1_feasible.of + scores[0].p1_infeasible.of
-    with pytest.raises(stancekit.InvalidInput, match=r"^workers: expected 1 with a method other than ga, got 2"):
+    with pytest.raises(
+        stancekit.InvalidInput, match=r"^workers: expected 1 with a method other than ga, got 2"
+    ):
         stancekit.fit(train, "quantile", workers=2)
     with pytest.raises(stancekit.InvalidInput, match="expected rows that it was not trained on"):
         stancekit.evaluate(fitted, train)
 
 
-def test_files_and_data_sets_are_verified_by_their_names(rows: list[stancekit.Dataset], tmp_path: Path) -> None:
+def test_files_and_data_sets_are_verified_by_their_names(
+    rows: list[stancekit.Dataset], tmp_path: Path
+) -> None:
     problem = stancekit.sample("wall-3", rng=8)[0]
     certificate = stancekit.solve(problem).certificate
     assert certificate is not None
@@ -80,7 +86,9 @@ def test_heights_of_a_file_are_walked_over_and_flattened(tmp_path: Path) -> None
     fit = stancekit.warp(field, cells=(4, 4, 2))
     fit.map.check_fits(field)
     assert fit.report.least_det > 0.0
-    raw = stancekit.walk(field, (0.2, 0.0), robot="hexapod", duration_s=2.5, chart="decoupled", raw=True)
+    raw = stancekit.walk(
+        field, (0.2, 0.0), robot="hexapod", duration_s=2.5, chart="decoupled", raw=True
+    )
     assert raw.effort.solves == 1  # the second phase would take more
     for name, asked in (
         ("seeds", {"seeds": 0}),

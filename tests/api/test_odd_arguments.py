@@ -39,7 +39,9 @@ def arguments(value: Any) -> dict[str, Any]:
     return {field.name: getattr(value, field.name) for field in fields(value) if field.init}
 
 
-@pytest.mark.parametrize("name", ["Robot", "Limb", "Problem", "Contact", "Patch", "HeightField"])
+@pytest.mark.parametrize(
+    "name", ["Robot", "Limb", "Problem", "Contact", "Patch", "HeightField"]
+)
 def test_a_constructor_takes_what_it_can_be_or_says_what_is_wrong(name: str) -> None:
     value = sound()[name]
     whole = arguments(value)
@@ -102,9 +104,14 @@ def test_lists_of_other_things_are_said_by_their_place() -> None:
     more: dict[str, Any] = {"mass_kg": 10.0, "com_nominal_m": [0.0, 0.0, 0.0], "com_radius_m": 0.1}
     with pytest.raises(InvalidInput, match=r"^contacts\[0\]: expected a Contact, got 1$"):
         stancekit.Problem.posture(contacts=[1, 2], **more)  # type: ignore[arg-type]
-    with pytest.raises(InvalidInput, match=r"^contacts: expected a list of Contact, got array\(\[\]"):
+    with pytest.raises(
+        InvalidInput, match=r"^contacts: expected a list of Contact, got array\(\[\]"
+    ):
         stancekit.Problem.posture(contacts=np.zeros(0), **more)  # type: ignore[arg-type]
-    assert stancekit.Problem.posture(contacts=list(problem.contacts), **more).contacts == problem.contacts
+    assert (
+        stancekit.Problem.posture(contacts=list(problem.contacts), **more).contacts
+        == problem.contacts
+    )
     for limbs, message in (
         ("x", "expected a list of Limb, got 'x'"),
         (range(3), "got range(0, 3)"),
@@ -113,5 +120,7 @@ def test_lists_of_other_things_are_said_by_their_place() -> None:
         with pytest.raises(InvalidInput) as caught:
             stancekit.Robot(name="a", mass_kg=1.0, limbs=limbs)  # type: ignore[arg-type]
         assert message in str(caught.value)
-    with pytest.raises(InvalidInput, match=r"^count: expected 1 to 1000000, got 9223372036854775808$"):
+    with pytest.raises(
+        InvalidInput, match=r"^count: expected 1 to 1000000, got 9223372036854775808$"
+    ):
         stancekit.sample("wall-3", 2**63)

@@ -41,7 +41,9 @@ def test_settings_that_have_no_use_are_refused(
 
 def test_a_world_that_was_made_before_pulls_as_the_plan_is_for(plan: stancekit.Plan) -> None:
     for gravity_m_s2, verb in ((1.62, stancekit.run), (1.62, stancekit.simulate)):
-        world = WORLDS.get("mujoco").make(WorldSettings(robot=plan.problem.robot, gravity_m_s2=gravity_m_s2))
+        world = WORLDS.get("mujoco").make(
+            WorldSettings(robot=plan.problem.robot, gravity_m_s2=gravity_m_s2)
+        )
         with pytest.raises(
             stancekit.InvalidInput,
             match=r"expected the world's gravity, 1\.62 m/s², .* 9\.81 m/s²$",
@@ -53,7 +55,9 @@ def test_a_gait_runs_as_planned() -> None:
     import numpy as np
 
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    walk = stancekit.walk(level, (0.1, 0.0), robot="hexapod", gait="tripod", duration_s=2.5, chart="decoupled")
+    walk = stancekit.walk(
+        level, (0.1, 0.0), robot="hexapod", gait="tripod", duration_s=2.5, chart="decoupled"
+    )
     assert walk.solution is not None
     faster = stancekit.RunSettings(timing=Timing().at_pace(2.0))
     with pytest.raises(stancekit.InvalidInput, match=r"^timing: expected key frames"):

@@ -63,7 +63,9 @@ def test_children_that_are_forked_off_while_threads_work_answer_as_one_alone_doe
         "fit quantile",
         "--json",
     ]
-    done = subprocess.run(command, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert len(done.stdout.splitlines()) == 2
 
@@ -72,5 +74,7 @@ def test_a_file_is_run_once_however_many_threads_ask_for_it(tmp_path):
     path = tmp_path / "slow.py"
     path.write_text(f"import time\ntime.sleep(0.05)\n{FILE}")
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(lambda _: digest(stancekit.sample(f"{path}:Mine", rng=1)), range(THREADS)))
+        found = list(
+            pool.map(lambda _: digest(stancekit.sample(f"{path}:Mine", rng=1)), range(THREADS))
+        )
     assert found == [found[0]] * THREADS

@@ -61,7 +61,9 @@ def toes() -> np.ndarray:
     return np.array([[x, y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [-x, -y, 0.0]])
 
 
-def plan(path: Path, com: list[list[float]], friction: float = 0.8, tilt_rad: float = 0.0, **changes: Any) -> Path:
+def plan(
+    path: Path, com: list[list[float]], friction: float = 0.8, tilt_rad: float = 0.0, **changes: Any
+) -> Path:
     """A plan that stands on four feet at these centres of mass, as the package would write it; the ground leans."""
     turn = np.array(
         [
@@ -80,7 +82,9 @@ def plan(path: Path, com: list[list[float]], friction: float = 0.8, tilt_rad: fl
     course = {
         "robot": robot(),
         "terrain": [patch],
-        "placements": [{"limb": name, "frame": 0, "toe_m": None, "candidates": [patch]} for name in LEGS],
+        "placements": [
+            {"limb": name, "frame": 0, "toe_m": None, "candidates": [patch]} for name in LEGS
+        ],
         "lifts": [[]] * frames,
         "next_lift": [],
         "gravity_m_s2": GRAVITY,
@@ -198,7 +202,9 @@ def test_a_plan_whose_body_is_10_cm_aside_falls(tmp_path: Path) -> None:
 
 
 def test_feedback_does_not_hold_what_nothing_holds(tmp_path: Path) -> None:
-    row = play(plan(tmp_path / "aside.json", [[0.0, 0.1, HEIGHT_M]]), SETTINGS, Wrong(feedback=True))
+    row = play(
+        plan(tmp_path / "aside.json", [[0.0, 0.1, HEIGHT_M]]), SETTINGS, Wrong(feedback=True)
+    )
     assert not row.stood
 
 
@@ -304,7 +310,9 @@ def test_a_broken_plan_gives_one_line(changes: Changes, said: str, tmp_path: Pat
     assert "\n" not in message
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "1", '{"format": 3}', '{"format": "stancekit/gait/3"}'])
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "1", '{"format": 3}', '{"format": "stancekit/gait/3"}']
+)
 def test_what_is_no_file_gives_one_line(text: str, tmp_path: Path) -> None:
     file = tmp_path / "file.json"
     file.write_text(text)
@@ -327,7 +335,9 @@ def test_a_urdf_without_the_foot_gives_one_line(tmp_path: Path) -> None:
 def test_a_joint_with_two_axes_has_the_first(standing: Path, tmp_path: Path) -> None:
     data = json.loads(standing.read_text())
     model = data["course"]["robot"]["model"]
-    model["urdf"] = model["urdf"].replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>')
+    model["urdf"] = model["urdf"].replace(
+        '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>'
+    )
     (tmp_path / "twice.json").write_text(json.dumps(data))
     assert play(tmp_path / "twice.json", SETTINGS) == play(standing, SETTINGS)
 
@@ -340,7 +350,9 @@ def test_feet_that_stick_are_refused(tmp_path: Path) -> None:
 def test_settings_are_read_strictly(tmp_path: Path) -> None:
     text = (ROOT / "benchmarks" / "stands" / "referee.yaml").read_text()
     (tmp_path / "referee.yaml").write_text(text.replace("lift_s:", "lift_s_:"))
-    with pytest.raises(ValueError, match=r"timing: expected rest_s, .*, got rest_s, shift_s, lift_s_"):
+    with pytest.raises(
+        ValueError, match=r"timing: expected rest_s, .*, got rest_s, shift_s, lift_s_"
+    ):
         read_settings(tmp_path / "referee.yaml")
     assert replace(SETTINGS, sha256="") == replace(read_settings(), sha256="")
 
@@ -360,5 +372,7 @@ def test_the_command_says_one_line(standing: Path, tmp_path: Path) -> None:
 def test_pushes_that_are_prepared_together_are_those_prepared_alone(standing: Path) -> None:
     pushes = [Push(most_n=8.0, towards_deg=90.0), Push(most_n=4.0, towards_deg=180.0)]
     together = list(pushed(standing, SETTINGS, Wrong(feedback=True), pushes))
-    assert together == [play(standing, SETTINGS, Wrong(feedback=True), push=each) for each in pushes]
+    assert together == [
+        play(standing, SETTINGS, Wrong(feedback=True), push=each) for each in pushes
+    ]
     assert [row.held_n for row in together] == [8.0, 4.0]

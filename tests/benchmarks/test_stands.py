@@ -82,7 +82,10 @@ def test_meshes_of_grounds_point_outward(listed: ModuleType, tmp_path: Path) -> 
         ground.write(tmp_path / "ground.obj")
         mesh = trimesh.load(tmp_path / "ground.obj", process=False)
         volumes = [
-            np.linalg.det(mesh.vertices[mesh.faces[12 * k : 12 * k + 12]] - mesh.vertices[8 * k]).sum() / 6.0
+            np.linalg.det(
+                mesh.vertices[mesh.faces[12 * k : 12 * k + 12]] - mesh.vertices[8 * k]
+            ).sum()
+            / 6.0
             for k in range(len(ground.solids))
         ]
         assert len(volumes) == len(ground.solids)

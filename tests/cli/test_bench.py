@@ -63,7 +63,7 @@ def test_a_run_writes_table_and_picture_and_prints_rows(config: Path, capsys: py
     assert max(len(line) for line in printed.splitlines() if "out" not in line) <= 80
 
 
-SUBMISSION = """
+SUBMISSION = '''
 import numpy as np
 import stancekit
 
@@ -78,7 +78,7 @@ class Middle:
 
 def middle(request):
     return Middle()
-"""
+'''
 
 
 def test_methods_of_a_file_stand_beside_ours_and_are_judged_anew_when_it_changes(

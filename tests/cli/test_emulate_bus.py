@@ -64,7 +64,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @contextmanager
-def emulated(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str], dict[str, object]]]:
+def emulated(
+    folder: Path, *options: str
+) -> Iterator[tuple[subprocess.Popen[str], dict[str, object]]]:
     """The command's process, and the line that says where the bus is."""
     with subprocess.Popen(
         [*EMULATE, *options], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -51,7 +51,9 @@ def one_line(code: int, err: str) -> str:
 
 
 @pytest.mark.parametrize("link", ["LF_foot", "base"])
-def test_a_mesh_that_is_cut_off_is_no_mesh_and_no_end_of_the_process(tmp_path: Path, link: str) -> None:
+def test_a_mesh_that_is_cut_off_is_no_mesh_and_no_end_of_the_process(
+    tmp_path: Path, link: str
+) -> None:
     (tmp_path / "cut.ply").write_bytes(CUT_OFF)
     name = link if f'<link name="{link}">' in hexapod_urdf(hexapod()) else _base()
     robot = with_mesh(tmp_path / "robot.urdf", name, "cut.ply")
@@ -70,15 +72,23 @@ def _base() -> str:
 
 
 @pytest.mark.parametrize("value", ["0,5", "", "inf", "1e400", "nan", "1e300"])
-def test_an_angle_of_an_srdf_that_is_none_is_said_with_its_joint(tmp_path: Path, value: str) -> None:
+def test_an_angle_of_an_srdf_that_is_none_is_said_with_its_joint(
+    tmp_path: Path, value: str
+) -> None:
     (tmp_path / "six.urdf").write_text(hexapod_urdf(hexapod()))
-    joint = next(iter(re.findall(r'<joint name="([^"]+)" type="revolute"', hexapod_urdf(hexapod()))))
+    joint = next(
+        iter(re.findall(r'<joint name="([^"]+)" type="revolute"', hexapod_urdf(hexapod())))
+    )
     (tmp_path / "bad.srdf").write_text(
         f'<robot name="six"><group_state name="standing" group="all"><joint name="{joint}" value="{value}"/>'
         "</group_state></robot>"
     )
-    code, _, err = command(("robot", str(tmp_path / "six.urdf"), "--srdf", str(tmp_path / "bad.srdf")))
-    assert f"group_state 'standing': joint '{joint}': expected a number, got '{value}'" in one_line(code, err)
+    code, _, err = command(
+        ("robot", str(tmp_path / "six.urdf"), "--srdf", str(tmp_path / "bad.srdf"))
+    )
+    assert f"group_state 'standing': joint '{joint}': expected a number, got '{value}'" in one_line(
+        code, err
+    )
 
 
 def pcd(points: Any) -> bytes:
@@ -101,29 +111,43 @@ FAR: dict[str, list[list[float]]] = {
 
 
 @pytest.mark.parametrize("name", FAR)
-@pytest.mark.parametrize("options", [(), ("--spacing-m", "1e-300"), ("--unit-m", "1e6"), ("--spacing-m", "200")])
-def test_points_beyond_any_grid_are_refused_in_one_line(tmp_path: Path, name: str, options: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "options", [(), ("--spacing-m", "1e-300"), ("--unit-m", "1e6"), ("--spacing-m", "200")]
+)
+def test_points_beyond_any_grid_are_refused_in_one_line(
+    tmp_path: Path, name: str, options: tuple[str, ...]
+) -> None:
     (tmp_path / "far.pcd").write_bytes(pcd(FAR[name]))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         err = one_line(*command(("terrain", str(tmp_path / "far.pcd"), *options))[::2])
-    assert re.search(r"expected (points within 200 m|a number|4 or more grid lines|an? )|spacing_m", err)
+    assert re.search(
+        r"expected (points within 200 m|a number|4 or more grid lines|an? )|spacing_m", err
+    )
     assert not re.search(r"\d{25}", err)
 
 
 @pytest.mark.parametrize("apart_m", [0.02, 0.01])
-def test_a_cloud_as_fine_as_its_grid_is_a_terrain_or_one_line(tmp_path: Path, apart_m: float) -> None:
+def test_a_cloud_as_fine_as_its_grid_is_a_terrain_or_one_line(
+    tmp_path: Path, apart_m: float
+) -> None:
     rng = np.random.default_rng(0)
     x = np.arange(0.0, 0.8, apart_m)
-    points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((len(x), len(x)))], axis=-1).reshape(-1, 3)
+    points = np.stack(
+        [*np.meshgrid(x, x, indexing="ij"), np.zeros((len(x), len(x)))], axis=-1
+    ).reshape(-1, 3)
     points += rng.normal(0.0, [0.005, 0.005, 0.003], points.shape)
     (tmp_path / "fine.pcd").write_bytes(pcd(points))
-    code, _, err = command(("terrain", str(tmp_path / "fine.pcd"), "--spacing-m", "0.02", "--noise-m", "0.003"))
+    code, _, err = command(
+        ("terrain", str(tmp_path / "fine.pcd"), "--spacing-m", "0.02", "--noise-m", "0.003")
+    )
     assert code in (0, 2)
     assert err.count("\n") == (1 if code else 0)
 
 
-def test_an_outline_that_geometry_cannot_cut_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_outline_that_geometry_cannot_cut_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shapely = pytest.importorskip("shapely")
 
     def torn(*_: Any) -> Any:
@@ -163,7 +187,9 @@ def test_where_the_axes_of_a_file_went_is_said(tmp_path: Path, up: str) -> None:
     high = np.array([1.0, 2.0, 3.0])
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box(bounds=[low, high]).export(tmp_path / "box.stl")
-    code, out, _ = command(("terrain", str(tmp_path / "box.stl"), "--up", up, "--json", "--margin-m", "0"))
+    code, out, _ = command(
+        ("terrain", str(tmp_path / "box.stl"), "--up", up, "--json", "--margin-m", "0")
+    )
     answer = json.loads(out)
     assert code == 0
     assert answer["axes"]["z"] == up

@@ -43,7 +43,9 @@ def test_a_walk_goes_over_the_ground_that_a_plan_stands_on(stancekit):
     assert stancekit("gait", "stairs:0.1:7", *SHORT, "--out", "walk.json").code == 0
     walked = check_file("walk.json").answer.terrain
     assert walked.name == "stairs:0.1:7"
-    stancekit("plan", "stairs:0.1:7", "--out", "plan.json")  # which the verifier refuses: bodies collide
+    stancekit(
+        "plan", "stairs:0.1:7", "--out", "plan.json"
+    )  # which the verifier refuses: bodies collide
     course = json.loads(Path("plan.json").read_text(encoding="utf-8"))["course"]
     corners = [np.array(patch["vertices_m"]) for patch in course["terrain"]]
     treads = [each for each in corners if np.ptp(each[:, 2]) == 0.0]
@@ -56,14 +58,18 @@ def test_a_walk_goes_over_the_ground_that_a_plan_stands_on(stancekit):
 def test_an_old_name_is_taken_and_told_in_one_line(stancekit):
     ran = stancekit("gait", "stones-spline:0.1:7", *SHORT, "--json")
     said = "stancekit: warning: stones-spline is what walks had as stones, for one more release: stones is one ground "
-    assert [line for line in ran.err.splitlines() if "warning" in line] == [said + "for plans and walks"]
+    assert [line for line in ran.err.splitlines() if "warning" in line] == [
+        said + "for plans and walks"
+    ]
     assert json.loads(ran.out)
 
 
 def test_key_frames_go_over_any_ground_by_its_name(stancekit):
     (smooth,) = stancekit("plan", "rough:0.2:1", "--json").records
     assert smooth["status"] == "feasible"
-    (between,) = stancekit("plan", "rough:0:1", "--start", "0,0", "--goal", "0.3,0", "--json").records
+    (between,) = stancekit(
+        "plan", "rough:0:1", "--start", "0,0", "--goal", "0.3,0", "--json"
+    ).records
     assert between["status"] == "feasible"
 
 
@@ -124,7 +130,9 @@ def test_a_function_of_x_and_y_is_a_family_for_key_frames_too(tmp_path, monkeypa
         "def wrong(level, rng):\n    return 3\n"
     )
     made = ground("mine.py:rolling:0.5:3")
-    np.testing.assert_array_equal(made.heights.heights_m, named_terrain("mine.py:rolling:0.5:3").heights_m)
+    np.testing.assert_array_equal(
+        made.heights.heights_m, named_terrain("mine.py:rolling:0.5:3").heights_m
+    )
     assert made.footholds
     with pytest.raises(SystemExit) as ended:
         main(["plan", "mine.py:rolling:0.2:3", "--json"])
@@ -134,7 +142,9 @@ def test_a_function_of_x_and_y_is_a_family_for_key_frames_too(tmp_path, monkeypa
 def test_the_old_group_of_plug_ins_is_read_for_a_release(tmp_path, monkeypatch):
     (tmp_path / "far-0.1.dist-info").mkdir()
     (tmp_path / "far.py").write_text("def rolling(level, rng):\n    return lambda x, y: 0.0 * x\n")
-    (tmp_path / "far-0.1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: far\nVersion: 0.1\n")
+    (tmp_path / "far-0.1.dist-info" / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: far\nVersion: 0.1\n"
+    )
     lines = "[stancekit.height_families]\nfar-rolling = far:rolling\n"
     (tmp_path / "far-0.1.dist-info" / "entry_points.txt").write_text(lines)
     monkeypatch.syspath_prepend(tmp_path)

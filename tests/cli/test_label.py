@@ -123,11 +123,8 @@ def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ("ice-3", "data"),
-            "distribution: expected one of ground-3, wall-3, wall-5, "
-            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'",
-        ),
+        (("ice-3", "data"), "distribution: expected one of ground-3, wall-3, wall-5, "
+         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'"),
         (("wall-3", "data", "--feasible", "-1"), "--feasible: expected an integer of at least 0, got -1"),
         (("wall-3", "data", "--seed", "-1"), "--seed: expected an integer of at least 0, got -1"),
         (("wall-3", "data", "--shard-size", "0"), "--shard-size: expected an integer of at least 1, got 0"),

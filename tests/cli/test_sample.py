@@ -48,11 +48,8 @@ def test_what_it_prints_is_what_solve_reads(stancekit):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ("ice-3",),
-            "distribution: expected one of ground-3, wall-3, wall-5, "
-            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'",
-        ),
+        (("ice-3",), "distribution: expected one of ground-3, wall-3, wall-5, "
+         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'"),
         (("wall-3", "--count", "0"), "--count: expected 1 to 100000000, got 0"),
         (("wall-3", "--count", "-7"), "--count: expected 1 to 100000000, got -7"),
         (("wall-3", "--seed", "-1"), "--seed: expected 0 or more, got -1"),

@@ -68,7 +68,9 @@ def on_robot_time(bridge: RosBridge) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def emulated(names: Sequence[str] = JOINTS, position_rad: Array = START, **settings: Any) -> Iterator[RosBridge]:
+def emulated(
+    names: Sequence[str] = JOINTS, position_rad: Array = START, **settings: Any
+) -> Iterator[RosBridge]:
     """An emulated robot, by whose clock the host lives."""
     with RosBridge(names, position_rad, **settings) as bridge, on_robot_time(bridge):
         yield bridge

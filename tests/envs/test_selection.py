@@ -369,11 +369,8 @@ def test_a_label_that_never_comes_up_is_told(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            {"problem": 3},
-            "distribution: expected one of ground-3, wall-3, wall-5, "
-            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 3",
-        ),
+        ({"problem": 3}, "distribution: expected one of ground-3, wall-3, wall-5, "
+         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 3"),
         ({"boxes": 0}, "boxes: expected 1 or more, got 0"),
         ({"boxes": 1.5}, "boxes: expected an integer, got 1.5"),
         ({"projections": ()}, "projections: expected one or more, got none"),

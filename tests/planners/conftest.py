@@ -273,7 +273,9 @@ def _paired(course: Problem, seed: int, room_m: float = 0.2) -> Problem:
     return replace(course, robot=replace(course.robot, relative_reach=tuple(found)))
 
 
-def _bounded(subject: Problem, seed: int, room_m: float = 0.1, of: Sequence[str] | None = None) -> Problem:
+def _bounded(
+    subject: Problem, seed: int, room_m: float = 0.1, of: Sequence[str] | None = None
+) -> Problem:
     rng = np.random.default_rng(seed)
 
     def rows(name: str, toe: np.ndarray, com: np.ndarray) -> ReachRows | None:

@@ -60,10 +60,14 @@ def test_another_instance_and_a_forked_child_wait_for_nobody():
     assert code == 0
 
 
-@pytest.mark.parametrize("package", ["planners", "runner", "views", "envs", "learners", "cli", "api"])
+@pytest.mark.parametrize(
+    "package", ["planners", "runner", "views", "envs", "learners", "cli", "api"]
+)
 def test_no_module_takes_the_one_with_a_lock(package):
     files = [path for path in (ROOT / package).rglob("*.py") if path.name != "cached.py"]
     assert files
     assert [
-        path for path in files if re.search(r"^from functools import .*cached_property", path.read_text(), re.M)
+        path
+        for path in files
+        if re.search(r"^from functools import .*cached_property", path.read_text(), re.M)
     ] == []

@@ -18,7 +18,9 @@ pytest.importorskip("mcap")
 from stancekit.runner.emulators.servo_bus import FAULTS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
-SECTION = PAGE[PAGE.index("## 2. The same on an emulated bus") : PAGE.index("## 3. Servos on a desk")]
+SECTION = PAGE[
+    PAGE.index("## 2. The same on an emulated bus") : PAGE.index("## 3. Servos on a desk")
+]
 TRIES = 3
 """Runs of a command that the host's own watchdog stopped, because the machine did not run the host."""
 
@@ -66,13 +68,17 @@ def test_the_commands_of_the_emulated_bus_end_well_as_printed(
         bus.stdout.readline()
         seen = [ended(line, tmp_path) for line in runs]
         bus.terminate()
-    assert [done.returncode for done in seen] == [0] * len(runs), [done.stdout + done.stderr for done in seen]
+    assert [done.returncode for done in seen] == [0] * len(runs), [
+        done.stdout + done.stderr for done in seen
+    ]
     assert sum("--arm" in line for line in runs) == 1
     assert "run as planned" in seen[1].stdout
     assert Path("bus.png").stat().st_size > 0
 
 
 def test_the_faults_that_the_page_names_are_those_of_the_emulator() -> None:
-    named = re.findall(r"`([a-z ]+?)(?: \d+)?(?: in \d+ s)?`", SECTION[SECTION.index("Try the faults") :])
+    named = re.findall(
+        r"`([a-z ]+?)(?: \d+)?(?: in \d+ s)?`", SECTION[SECTION.index("Try the faults") :]
+    )
     faults = [each for each in named if each in FAULTS]
     assert faults == ["power loss", "silent servo", "reboot"]

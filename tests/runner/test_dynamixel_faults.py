@@ -91,7 +91,9 @@ TAKEN = (
 
 
 @pytest.mark.parametrize("fault", TAKEN)
-def test_what_is_odd_but_sound_is_taken_as_it_is(bus: EmulatedBus, world: DynamixelWorld, fault: str) -> None:
+def test_what_is_odd_but_sound_is_taken_as_it_is(
+    bus: EmulatedBus, world: DynamixelWorld, fault: str
+) -> None:
     happened(bus, fault)
     state = world.reset(*STILL)
     np.testing.assert_allclose(state.angles_rad, START, atol=table.RAD)
@@ -163,7 +165,9 @@ def test_a_fault_on_the_way_stops_with_its_name_and_nothing_moves_after(
         move(world)
     sent = bus.state()["goal_writes"]
     unseen = held(world)
-    assert unseen == "" or unseen.endswith("bus watchdogs stop the servos 0.6 s after the last packet")
+    assert unseen == "" or unseen.endswith(
+        "bus watchdogs stop the servos 0.6 s after the last packet"
+    )
     time.sleep(0.7 if unseen else 0.0)
     reported_rad = np.array(bus.state()["position_rad"])
     time.sleep(0.3)
@@ -191,7 +195,9 @@ def judge() -> MeasurementJudge:
     return made
 
 
-def measured(tick_ms: int = 1000, position: int = 2048, velocity: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def measured(
+    tick_ms: int = 1000, position: int = 2048, velocity: int = 0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.full(24, position), np.full(24, velocity), np.full(24, tick_ms)
 
 
@@ -219,7 +225,9 @@ def test_clocks_that_stand_or_go_back_or_lag_are_doubted_and_one_that_wraps_is_n
 
 def test_a_position_that_stays_while_its_velocity_does_not_is_old() -> None:
     made = judge()
-    whys = [made.doubt(1.0 + 0.02 * k, *measured(1000 + 20 * k, velocity=20)).why for k in range(1, 9)]
+    whys = [
+        made.doubt(1.0 + 0.02 * k, *measured(1000 + 20 * k, velocity=20)).why for k in range(1, 9)
+    ]
     assert whys[:5] == [""] * 5
     assert "measured to turn at 0.48 rad/s and to stay at 2048 ticks" in whys[5]
 

@@ -24,7 +24,9 @@ MANAGED: dict[str, Any] = {"controller_manager": "/controller_manager"}
 
 
 def world_of(bridge: RosBridge, **settings: Any) -> RosWorld:
-    return RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **(QUICK | {"ros": bridge.ros} | settings)))
+    return RosWorld(
+        ROBOT, same_names(JOINTS, port=bridge.port, **(QUICK | {"ros": bridge.ros} | settings))
+    )
 
 
 def stream(world: RosWorld, steps: int = 400, speed_rad_s: float = 0.5) -> None:
@@ -41,12 +43,16 @@ def moved_rad(bridge: RosBridge, since: list[float]) -> float:
 def test_zeros_of_a_second_publisher_arm_nothing_and_stop_what_moves(ros: Ros, kind: str) -> None:
     with emulated(ros=ros) as bridge, world_of(bridge) as world:
         bridge.inject("zeros")
-        with pytest.raises(InvalidInput, match=r"/joint_states: \w+: measured .* faster than .* two publishers\?"):
+        with pytest.raises(
+            InvalidInput, match=r"/joint_states: \w+: measured .* faster than .* two publishers\?"
+        ):
             reset(world)
         assert commands(bridge) == []
     with armed(ros) as (bridge, world):
         bridge.inject(kind, 0.3)
-        with pytest.raises(HardwareFault, match=r"/joint_states: \w+: measured .* two publishers\?"):
+        with pytest.raises(
+            HardwareFault, match=r"/joint_states: \w+: measured .* two publishers\?"
+        ):
             stream(world)
         assert not world.armed
 
@@ -204,7 +210,9 @@ def test_after_torque_off_a_run_starts_again(ros: Ros) -> None:
             assert bridge.robot.on
         with world_of(bridge) as other:
             world.relax()
-            with pytest.raises(InvalidInput, match=r"says that it is (stopped|inactive); start it, or name"):
+            with pytest.raises(
+                InvalidInput, match=r"says that it is (stopped|inactive); start it, or name"
+            ):
                 reset(other)
 
 
@@ -215,7 +223,9 @@ def test_after_torque_off_a_run_starts_again(ros: Ros) -> None:
         (2, 1, "its stamps are those of ROS 2: ros: 2 in the setup"),
     ],
 )
-def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(there: Ros, said: Ros, why: str) -> None:
+def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(
+    there: Ros, said: Ros, why: str
+) -> None:
     with emulated(ros=there) as bridge, world_of(bridge, ros=said) as world:
         with pytest.raises(InvalidInput, match=why):
             reset(world)
@@ -225,7 +235,9 @@ def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(there: Ros, said: 
 def test_another_client_is_named_before_and_after_arming() -> None:
     with armed(1) as (bridge, world):
         bridge.inject("other client", 0.3)
-        with pytest.raises(HardwareFault, match=r"the controller wants .* which was not sent: another client\?"):
+        with pytest.raises(
+            HardwareFault, match=r"the controller wants .* which was not sent: another client\?"
+        ):
             stream(world)
 
 

@@ -8,11 +8,14 @@ PERIOD_S = 0.02
 OFF_S = 1.7e9
 
 
-def heard(delays_s: list[float], rate: float = 1.0, off_s: float = OFF_S) -> tuple[RobotClock, list[float]]:
+def heard(
+    delays_s: list[float], rate: float = 1.0, off_s: float = OFF_S
+) -> tuple[RobotClock, list[float]]:
     """A clock, and when each of its messages was measured by ours; sent every period, and so long on the way."""
     clock = RobotClock()
     return clock, [
-        clock.take(off_s + rate * k * PERIOD_S, k * PERIOD_S + delay_s) for k, delay_s in enumerate(delays_s)
+        clock.take(off_s + rate * k * PERIOD_S, k * PERIOD_S + delay_s)
+        for k, delay_s in enumerate(delays_s)
     ]
 
 
@@ -38,7 +41,9 @@ def test_no_time_is_told_by_a_simulation_that_goes_at_another_speed(rate: float)
 
 def test_nor_by_stamps_of_0_nor_by_few() -> None:
     clock = RobotClock()
-    assert [clock.take(None, 0.1 * k) for k in range(9)] == pytest.approx([0.1 * k for k in range(9)])
+    assert [clock.take(None, 0.1 * k) for k in range(9)] == pytest.approx(
+        [0.1 * k for k in range(9)]
+    )
     assert clock.at(1.0) is None
     assert heard([0.0] * 4)[0].at(1.0) is None
 
@@ -60,5 +65,7 @@ def test_the_period_is_the_median_of_what_came() -> None:
         ([], None, None),
     ],
 )
-def test_stamps_are_read_as_both_ros_write_them(message: object, stamp: float | None, version: int | None) -> None:
+def test_stamps_are_read_as_both_ros_write_them(
+    message: object, stamp: float | None, version: int | None
+) -> None:
     assert (stamp_of(message), version_of(message)) == (stamp, version)

@@ -66,7 +66,9 @@ def test_a_joint_that_jumps_is_refused_by_name_and_what_was_measured_stays(
         clock.now += 0.02
         states.take(message(0.1, 1.6, clock.now if stamped else 0.0))
     clock.now += 0.01
-    with pytest.raises(InvalidInput, match=r"knee: measured 0.000 rad 10 ms after 1.600, .*two publishers\?"):
+    with pytest.raises(
+        InvalidInput, match=r"knee: measured 0.000 rad 10 ms after 1.600, .*two publishers\?"
+    ):
         states.take(message(0.0, 0.0, clock.now if stamped else 0.0))
     np.testing.assert_allclose(states.read()[0], [0.1, 1.6])
 
@@ -77,7 +79,9 @@ def test_a_joint_at_its_greatest_speed_is_believed_also_when_messages_come_in_bu
 ) -> None:
     for k in range(100):
         sent_s = 100.0 + 0.01 * k
-        clock.now = 100.0 + 0.05 * np.ceil(0.2 * k) + 1e-4 * (k % 5)  # five at once, as a busy machine gives them
+        clock.now = (
+            100.0 + 0.05 * np.ceil(0.2 * k) + 1e-4 * (k % 5)
+        )  # five at once, as a busy machine gives them
         states.take(message(4.0 * 0.01 * k, -4.0 * 0.01 * k, sent_s if stamped else 0.0))
     assert states.read()[0][0] == pytest.approx(3.96)
 
@@ -100,7 +104,9 @@ def test_two_measurements_of_a_joint_that_differ_are_two_publishers_also_when_ev
         clock.now += 0.02
         states.take(message(0.1, 1.6 if k % 3 == 0 else 1.75, clock.now))
         known.take(state([0.1, 1.6], [0.1, 1.6], clock.now))
-    assert known.trouble() == ("knee: joint states say 1.750 rad, while its controller measures 1.600: two publishers?")
+    assert known.trouble() == (
+        "knee: joint states say 1.750 rad, while its controller measures 1.600: two publishers?"
+    )
 
 
 def test_measurements_of_moving_joints_may_differ_by_what_they_turn_in_between(
@@ -118,7 +124,9 @@ def test_measurements_of_moving_joints_may_differ_by_what_they_turn_in_between(
         assert known.trouble() is None
 
 
-def test_a_controller_that_wants_what_nobody_sent_follows_somebody_else(states: JointStates, clock: Clock) -> None:
+def test_a_controller_that_wants_what_nobody_sent_follows_somebody_else(
+    states: JointStates, clock: Clock
+) -> None:
     known = ControllerState(Mapping(same_names(JOINTS), JOINTS), JOINTS, states)
     known.take(state([0.0, 0.0], [0.0, 0.0], clock.now))
     for k in range(100):
@@ -129,7 +137,10 @@ def test_a_controller_that_wants_what_nobody_sent_follows_somebody_else(states: 
     for _ in range(FOREIGN):
         clock.now += 0.02
         known.take(state([1.0, 0.0], [1.0, 0.2], clock.now))
-    assert known.trouble() == "knee: the controller wants 0.200 rad, which was not sent: another client?"
+    assert (
+        known.trouble()
+        == "knee: the controller wants 0.200 rad, which was not sent: another client?"
+    )
     known.forget()
     assert known.trouble() is None
 
@@ -145,7 +156,9 @@ def test_a_controller_that_moves_joints_is_busy(states: JointStates) -> None:
 
 
 @pytest.mark.parametrize("names", [("reference", "feedback"), ("desired", "actual")])
-def test_states_of_every_version_are_understood(states: JointStates, names: tuple[str, str]) -> None:
+def test_states_of_every_version_are_understood(
+    states: JointStates, names: tuple[str, str]
+) -> None:
     known = ControllerState(Mapping(same_names(JOINTS), JOINTS), JOINTS, states)
     points = {
         names[0]: {"positions": [0.0, 0.0], "velocities": [0.0, 1.0]},

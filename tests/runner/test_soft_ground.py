@@ -127,7 +127,9 @@ def test_ground_that_cannot_bear_the_robot_is_refused(made: Callable[..., World]
         ((None, 5.0), "contact_damping_ns_m: expected contact_stiffness_n_m with it, got none"),
     ],
 )
-def test_numbers_out_of_range_are_named(numbers: tuple[float | None, float | None], said: str) -> None:
+def test_numbers_out_of_range_are_named(
+    numbers: tuple[float | None, float | None], said: str
+) -> None:
     with pytest.raises(InvalidInput) as error:
         SoftContact.of(*numbers)
     assert str(error.value) == said
@@ -137,7 +139,9 @@ def test_no_numbers_are_hard_ground() -> None:
     assert SoftContact.of(None, None) is None
 
 
-def test_a_set_up_file_says_how_the_ground_yields(tmp_path: Path, made: Callable[..., World]) -> None:
+def test_a_set_up_file_says_how_the_ground_yields(
+    tmp_path: Path, made: Callable[..., World]
+) -> None:
     file = tmp_path / "soft.yaml"
     file.write_text("format: stancekit/simulation/1\ncontact_stiffness_n_m: 2.0e+4\n")
     with made(setup=file) as world:
@@ -164,7 +168,9 @@ def test_a_set_up_file_says_how_the_ground_yields(tmp_path: Path, made: Callable
         ),
     ],
 )
-def test_a_set_up_file_that_is_wrong_is_refused_in_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_a_set_up_file_that_is_wrong_is_refused_in_one_line(
+    tmp_path: Path, text: str, said: str
+) -> None:
     file = tmp_path / "soft.yaml"
     file.write_text(text)
     with pytest.raises(InvalidInput) as error:

@@ -47,8 +47,7 @@ def empty(felt_n: list[float], wanted_n: float = 20.0, foothold: int = 5) -> lis
     watch, found = EmptyStep(200.0, 2), list[bool]()
     for k, force in enumerate([0.0] * 5 + felt_n):
         sample = SimpleNamespace(
-            foothold=np.array([0, -1 if k < 5 else foothold]),
-            normals=UP,
+            foothold=np.array([0, -1 if k < 5 else foothold]), normals=UP,
             forces_n=np.array([20.0, wanted_n])[:, None] * UP,
         )
         target: Any = SimpleNamespace(sample=sample)

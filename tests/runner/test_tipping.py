@@ -43,7 +43,9 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "name: flat\nrobot: dog.urdf\nframes: 2\ngait: wave\nstart_m: [0.0, 0.0]\n"
         "goal_m: [0.05, 0.0, 0.45]\nterrain: {kind: flat, friction: 0.7}\n"
     )
-    outcome = with_whole_body(plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml")))
+    outcome = with_whole_body(
+        plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml"))
+    )
     assert outcome.solution is not None
     assert outcome.report is not None
     assert outcome.report.accepted
@@ -73,7 +75,9 @@ def test_a_plan_that_bears_less_is_refused_in_one_line(accepted: Accepted, file:
 
 
 @pytest.mark.parametrize("settings", [{}, {"least_push": 0.0}], ids=["enough", "asked for"])
-def test_a_plan_that_bears_enough_or_is_asked_for_is_not(accepted: Accepted, settings: dict[str, float]) -> None:
+def test_a_plan_that_bears_enough_or_is_asked_for_is_not(
+    accepted: Accepted, settings: dict[str, float]
+) -> None:
     prepare(accepted, **settings)
 
 

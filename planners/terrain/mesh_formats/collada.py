@@ -64,7 +64,9 @@ class _Scene:
             node, above = stack.pop()
             visits += 1
             if visits > MOST_NODES:
-                raise broken(f"expected {MOST_NODES} nodes or fewer, got more, or one that is within itself")
+                raise broken(
+                    f"expected {MOST_NODES} nodes or fewer, got more, or one that is within itself"
+                )
             here = above @ _matrix(node)
             for each in node:
                 if each.tag == "node":
@@ -107,7 +109,10 @@ class _Scene:
 
     def _of_part(self, mesh: Element, part: Element) -> Surface:
         """Corners and triangles of one list of polygons."""
-        inputs = [(each.get("semantic"), _whole(each, "offset", 0, 100), each) for each in part.findall("input")]
+        inputs = [
+            (each.get("semantic"), _whole(each, "offset", 0, 100), each)
+            for each in part.findall("input")
+        ]
         vertex = next((found for found in inputs if found[0] == "VERTEX"), None)
         if vertex is None:
             raise broken("expected polygons with an input VERTEX")
@@ -121,7 +126,9 @@ class _Scene:
             raise broken(f"its polygons are not all of its {len(corners)} corners")
         return corners, self._triangles(part, lists, every)
 
-    def _triangles(self, part: Element, lists: list[NDArray[np.int64]], every: NDArray[np.int64]) -> Triangles:
+    def _triangles(
+        self, part: Element, lists: list[NDArray[np.int64]], every: NDArray[np.int64]
+    ) -> Triangles:
         if part.tag == "triangles":
             check_count(len(every) // 3, self._left)
             return np.asarray(every[: len(every) // 3 * 3].reshape(-1, 3), dtype=np.int_)
@@ -134,7 +141,9 @@ class _Scene:
         if part.tag != "polylist":
             return fans(np.array([len(each) for each in lists], dtype=np.int64), every, self._left)
         counts = wholes_of((part.findtext("vcount") or "").encode())
-        if (len(counts) and (counts.min() < 0 or counts.max() > len(every))) or int(counts.sum()) != len(every):
+        if (len(counts) and (counts.min() < 0 or counts.max() > len(every))) or int(
+            counts.sum()
+        ) != len(every):
             raise broken("expected as many corners as vcount declares")
         return fans(counts, every, self._left)
 
@@ -157,7 +166,9 @@ class _Scene:
         )
         count = _whole(accessor, "count", 0, len(values) + 1)
         if stride < 3 or offset + count * stride > len(values):
-            raise broken(f"its POSITION declares {count} corners of {stride} numbers, and has {len(values)}")
+            raise broken(
+                f"its POSITION declares {count} corners of {stride} numbers, and has {len(values)}"
+            )
         return values[offset : offset + count * stride].reshape(-1, stride)[:, :3]
 
 
@@ -176,7 +187,9 @@ def _matrix(node: Element) -> Array:
         if each.tag in ("matrix", "translate", "rotate", "scale"):
             place = place @ _transformation(each.tag, reals_of((each.text or "").encode()))
         elif each.tag in ("lookat", "skew"):
-            raise InvalidInput(f"expected a mesh: expected nodes that are moved, turned and scaled, got {each.tag}")
+            raise InvalidInput(
+                f"expected a mesh: expected nodes that are moved, turned and scaled, got {each.tag}"
+            )
     return place
 
 
@@ -184,7 +197,9 @@ def _transformation(tag: str, numbers: Array) -> Array:
     if tag == "matrix":
         return checked_matrix(numbers)
     if len(numbers) != (4 if tag == "rotate" else 3) or not np.all(np.isfinite(numbers)):
-        raise broken(f"{tag}: expected {4 if tag == 'rotate' else 3} numbers, got {shown(numbers.tolist())}")
+        raise broken(
+            f"{tag}: expected {4 if tag == 'rotate' else 3} numbers, got {shown(numbers.tolist())}"
+        )
     place = np.eye(4)
     if tag == "translate":
         place[:3, 3] = numbers
@@ -192,6 +207,8 @@ def _transformation(tag: str, numbers: Array) -> Array:
         place[:3, :3] = np.diag(numbers)
     elif np.any(numbers[:3]):
         axis, angle = numbers[:3] / np.linalg.norm(numbers[:3]), np.deg2rad(numbers[3])
-        across = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+        across = np.array(
+            [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
+        )
         place[:3, :3] += np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
     return place

@@ -96,7 +96,9 @@ class _Scene:
             number, above = stack.pop()
             visits += 1
             if visits > MOST_NODES:
-                raise broken(f"expected {MOST_NODES} nodes or fewer, got more, or one that is within itself")
+                raise broken(
+                    f"expected {MOST_NODES} nodes or fewer, got more, or one that is within itself"
+                )
             node = self._nodes[number]
             here = above @ _matrix(node)
             if "mesh" in node:
@@ -121,7 +123,9 @@ class _Scene:
         """The surfaces of a mesh; counted anew each time that it is placed, read once."""
         if number not in self._known:
             parts = _objects(self._meshes[number], "primitives")
-            self._known[number] = [found for part in parts if (found := self._of_part(part)) is not None]
+            self._known[number] = [
+                found for part in parts if (found := self._of_part(part)) is not None
+            ]
         surfaces = self._known[number]
         self._left -= sum(len(triangles) for _, triangles in surfaces)
         check_count(self._most - self._left, self._most)
@@ -133,15 +137,23 @@ class _Scene:
         if mode < 4:
             return None
         attributes, extensions = part.get("attributes"), part.get("extensions", {})
-        if isinstance(extensions, dict) and (packed := [name for name in PACKED if name in extensions]):
+        if isinstance(extensions, dict) and (
+            packed := [name for name in PACKED if name in extensions]
+        ):
             raise broken(f"expected meshes that are not compressed, got {packed[0]}")
         if not isinstance(attributes, dict) or "POSITION" not in attributes:
             raise broken("expected a POSITION of every primitive")
-        corners = self._values(_whole(attributes, "POSITION", len(self._accessors)), "VEC3").astype(np.float64)
+        corners = self._values(_whole(attributes, "POSITION", len(self._accessors)), "VEC3").astype(
+            np.float64
+        )
         count = len(corners)
         numbers = np.arange(count)
         if "indices" in part:
-            numbers = self._values(_whole(part, "indices", len(self._accessors)), "SCALAR").ravel().astype(np.int64)
+            numbers = (
+                self._values(_whole(part, "indices", len(self._accessors)), "SCALAR")
+                .ravel()
+                .astype(np.int64)
+            )
         if len(numbers) and not (numbers.min() >= 0 and numbers.max() < count):
             raise broken(f"its triangles are not all of its {count} corners")
         if mode == 4:
@@ -155,8 +167,14 @@ class _Scene:
         """The values of an accessor, shape (count, width)."""
         accessor, size = self._accessors[number], len(self._binary)
         component, width = accessor.get("componentType"), WIDTHS[kind]
-        if accessor.get("type") != kind or not isinstance(component, int) or component not in COMPONENTS:
-            raise broken(f"accessors[{number}]: expected numbers as {kind}, got {shown(accessor.get('type'))}")
+        if (
+            accessor.get("type") != kind
+            or not isinstance(component, int)
+            or component not in COMPONENTS
+        ):
+            raise broken(
+                f"accessors[{number}]: expected numbers as {kind}, got {shown(accessor.get('type'))}"
+            )
         if "sparse" in accessor or "bufferView" not in accessor:
             raise broken(f"accessors[{number}]: expected a bufferView, and nothing sparse")
         view = self._views[_whole(accessor, "bufferView", len(self._views))]
@@ -172,11 +190,19 @@ class _Scene:
         count = _whole(accessor, "count", size + 1)
         row = width * dtype.itemsize
         stride = _whole(view, "byteStride", 253, row) or row
-        if stride < row or (count and offset + (count - 1) * stride + row > own) or begin + own > size:
-            raise broken(f"accessors[{number}]: expected {count} values within the bytes of its view, got {own} bytes")
+        if (
+            stride < row
+            or (count and offset + (count - 1) * stride + row > own)
+            or begin + own > size
+        ):
+            raise broken(
+                f"accessors[{number}]: expected {count} values within the bytes of its view, got {own} bytes"
+            )
         strides = (stride, dtype.itemsize)
         found = (
-            np.ndarray((count, width), dtype, self._binary, begin + offset, strides) if count else np.zeros((0, width))
+            np.ndarray((count, width), dtype, self._binary, begin + offset, strides)
+            if count
+            else np.zeros((0, width))
         )
         if accessor.get("normalized") is True and dtype.kind != "f":
             return np.maximum(found / np.iinfo(dtype).max, -1.0)

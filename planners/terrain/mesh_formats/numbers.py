@@ -73,7 +73,9 @@ def reals_of(text: bytes) -> Array:
 
 def wholes_of(text: bytes) -> NDArray[np.int64]:
     """Whole numbers with blanks between them, shape (K,)."""
-    return np.concatenate([np.zeros(0, dtype=np.int64), *(wholes(piece.split()) for piece in blocks(text, rb"\s"))])
+    return np.concatenate(
+        [np.zeros(0, dtype=np.int64), *(wholes(piece.split()) for piece in blocks(text, rb"\s"))]
+    )
 
 
 def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Triangles:
@@ -86,13 +88,19 @@ def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Tr
     face = np.repeat(np.arange(len(counts)), pieces)
     step = np.arange(len(face)) - (np.cumsum(pieces) - pieces)[face]
     first = (np.cumsum(counts) - counts)[face]
-    return np.asarray(corners[np.stack([first, first + step + 1, first + step + 2], axis=1)], dtype=np.int_)
+    return np.asarray(
+        corners[np.stack([first, first + step + 1, first + step + 2], axis=1)], dtype=np.int_
+    )
 
 
 def strip(corners: NDArray[np.int64], most: int) -> Triangles:
     """The triangles of a strip, each from three corners in a row, every second one turned round, shape (T, 3)."""
     check_count(max(len(corners) - 2, 0), most)
-    found = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1) if len(corners) > 2 else np.zeros((0, 3))
+    found = (
+        np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+        if len(corners) > 2
+        else np.zeros((0, 3))
+    )
     found[1::2] = found[1::2, ::-1]
     return np.asarray(found, dtype=np.int_)
 

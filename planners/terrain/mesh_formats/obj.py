@@ -14,7 +14,11 @@ def read_obj(content: bytes, most: int) -> Surface:
     corners, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int_)]
     before, left = 0, most
     for block in blocks(content, rb"[\r\n]"):
-        lines = [parts for parts in map(bytes.split, block.splitlines()) if parts and parts[0] in (b"v", b"f")]
+        lines = [
+            parts
+            for parts in map(bytes.split, block.splitlines())
+            if parts and parts[0] in (b"v", b"f")
+        ]
         points = [parts[1:4] for parts in lines if parts[0] == b"v"]
         if any(len(point) < 3 for point in points):
             raise broken("expected three coordinates per vertex")

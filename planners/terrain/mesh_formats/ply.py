@@ -73,12 +73,20 @@ def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
     lines = [line for line in content[start:].splitlines() if line.strip()] if not order else []
     corners, triangles, at = None, np.zeros((0, 3), dtype=np.int_), 0 if not order else start
     for element in elements:
-        if element.count > (len(content) - at) // max(element.least, 1) if order else element.count > len(lines) - at:
+        if (
+            element.count > (len(content) - at) // max(element.least, 1)
+            if order
+            else element.count > len(lines) - at
+        ):
             name = shown(element.name.decode(errors="replace")).strip("'")
-            raise broken(f"its header declares {element.count} of {name}, more than it has bytes for")
+            raise broken(
+                f"its header declares {element.count} of {name}, more than it has bytes for"
+            )
         if element.name == b"vertex":
             corners = (
-                _rows(content, at, element, order) if order else _text_rows(lines[at : at + element.count], element)
+                _rows(content, at, element, order)
+                if order
+                else _text_rows(lines[at : at + element.count], element)
             )
         if element.name == b"face" and element.count:
             wanted = element.polygons
@@ -110,12 +118,18 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
             order = ORDERS[parts[1]]
         elif parts[0] == b"element" and len(parts) == 3 and re.fullmatch(rb"\d{1,18}", parts[2]):
             elements.append(_Element(name=parts[1], count=int(parts[2])))
-        elif parts[0] == b"property" and elements and len(elements[-1].properties) < MOST_PROPERTIES:
+        elif (
+            parts[0] == b"property" and elements and len(elements[-1].properties) < MOST_PROPERTIES
+        ):
             elements[-1].properties.append(_property(parts[1:]))
         else:
-            raise broken(f"its header has a line that is none of PLY's: {line[:40].decode(errors='replace')!r}")
+            raise broken(
+                f"its header has a line that is none of PLY's: {line[:40].decode(errors='replace')!r}"
+            )
     if order is None:
-        raise broken("expected a format of ascii, binary_little_endian or binary_big_endian in its header")
+        raise broken(
+            "expected a format of ascii, binary_little_endian or binary_big_endian in its header"
+        )
     if len({element.name for element in elements}) < len(elements):
         raise broken("its header declares an element twice")
     return order, elements, end.end()
@@ -126,7 +140,9 @@ def _property(parts: list[bytes]) -> _Property:
         return _Property(name=parts[1], kind=KINDS[parts[0]])
     if len(parts) == 4 and parts[0] == b"list" and parts[1] in KINDS and parts[2] in KINDS and parts[1] not in REALS:
         return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
-    raise broken(f"its header has a property that is none of PLY's: {b' '.join(parts)[:40].decode(errors='replace')!r}")
+    raise broken(
+        f"its header has a property that is none of PLY's: {b' '.join(parts)[:40].decode(errors='replace')!r}"
+    )
 
 
 def _rows(content: bytes, at: int, element: _Element, order: str) -> Array:
@@ -157,7 +173,8 @@ def _lists(
     if even is not None:
         return even
     kinds = [
-        (each.length and np.dtype(order + each.length), np.dtype(order + each.kind)) for each in element.properties
+        (each.length and np.dtype(order + each.length), np.dtype(order + each.kind))
+        for each in element.properties
     ]
     counts, parts = list[int](), list[bytes]()
     for _ in range(element.count):
@@ -218,7 +235,9 @@ def _text_rows(lines: list[bytes], element: _Element) -> Array:
     return np.concatenate(parts)
 
 
-def _text_lists(lines: list[bytes], element: _Element, wanted: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _text_lists(
+    lines: list[bytes], element: _Element, wanted: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     counts, values = list[int](), [np.zeros(0, dtype=np.int64)]
     for k in range(0, len(lines), ROWS):
         found = list[bytes]()

@@ -21,9 +21,15 @@ def read_stl(content: bytes, most: int) -> Surface:
     """
     count = struct.unpack("<I", content[80:HEAD])[0] if len(content) >= HEAD else -1
     rest = content[HEAD + FACET * count :] if count >= 0 else b""
-    if 0 <= count <= (len(content) - HEAD) // FACET and len(rest) < FACET and not rest.strip(b"\0 \r\n\t"):
+    if (
+        0 <= count <= (len(content) - HEAD) // FACET
+        and len(rest) < FACET
+        and not rest.strip(b"\0 \r\n\t")
+    ):
         check_count(count, most)
-        kind = np.dtype({"names": ["corners"], "formats": [("<f4", (3, 3))], "offsets": [12], "itemsize": FACET})
+        kind = np.dtype(
+            {"names": ["corners"], "formats": [("<f4", (3, 3))], "offsets": [12], "itemsize": FACET}
+        )
         facets = np.frombuffer(content, dtype=kind, count=count, offset=HEAD)["corners"]
         return facets.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3)
     if content.lstrip()[:5].lower() != b"solid":
@@ -41,7 +47,9 @@ def _read_text(content: bytes, most: int) -> Surface:
         check_count(facets, most)
         found = VERTEX.findall(block)
         if len(found) != 3 * ends:
-            raise broken(f"expected 3 corners per facet, got {len(found)} corners for {ends} facets")
+            raise broken(
+                f"expected 3 corners per facet, got {len(found)} corners for {ends} facets"
+            )
         parts.append(reals(token for corner in found for token in corner).reshape(-1, 3))
     corners = np.concatenate(parts)
     return corners, np.arange(len(corners)).reshape(-1, 3)

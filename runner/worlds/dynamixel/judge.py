@@ -81,7 +81,9 @@ class MeasurementJudge:
         fastest = np.abs(velocity) * RAD_S > 2.0 * self._fastest + 1.0
         for index in np.flatnonzero(fastest):
             speed = velocity[index] * RAD_S
-            return Doubt(f"{self._name(index)}: measured to turn at {speed:.1f} rad/s, which it cannot")
+            return Doubt(
+                f"{self._name(index)}: measured to turn at {speed:.1f} rad/s, which it cannot"
+            )
         if self._last is None:
             self._last = now_s, position, tick_ms
             return BELIEVED
@@ -96,7 +98,11 @@ class MeasurementJudge:
         went_ms = (tick_ms - ticked) % WRAP_MS
         for index in np.flatnonzero(self._ticking & ((went_ms == 0) | (went_ms > WRAP_MS // 2))):
             if passed_s < 1e-3 * (WRAP_MS // 4):
-                what = "stands still" if went_ms[index] == 0 else "went back: is it an old answer, or did it restart"
+                what = (
+                    "stands still"
+                    if went_ms[index] == 0
+                    else "went back: is it an old answer, or did it restart"
+                )
                 return Doubt(
                     f"{self._name(index)}: its values are old: its clock (Realtime Tick) {what}",
                     late=True,

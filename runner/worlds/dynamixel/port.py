@@ -75,7 +75,9 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
 
     def setPacketTimeout(self, packet_length: int) -> None:
         """Start waiting for an answer of so many bytes."""
-        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 2.0 * self.latency_ms + 2.0)
+        self.setPacketTimeoutMillis(
+            self.tx_time_per_byte * packet_length + 2.0 * self.latency_ms + 2.0
+        )
         self._expected = packet_length
 
     def setPacketTimeoutMillis(self, msec: float) -> None:

@@ -62,7 +62,9 @@ class RobotClock:
         half = len(heard) // 2
         if half < FEW:
             return True
-        early, late = (min(part, key=lambda each: each[0] - each[1]) for part in (heard[:half], heard[half:]))
+        early, late = (
+            min(part, key=lambda each: each[0] - each[1]) for part in (heard[:half], heard[half:])
+        )
         apart_s = late[0] - early[0]
         return abs((late[0] - late[1]) - (early[0] - early[1])) <= max(DRIFT * apart_s, 0.02)
 

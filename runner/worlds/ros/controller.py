@@ -158,10 +158,14 @@ class ControllerState:
         self._apart = np.where(off, self._apart + 1.0, np.maximum(self._apart - FORGIVEN, 0.0))
 
 
-def _point(message: Any, names: list[str], mapping: Mapping, *keys: str) -> tuple[Array | None, Array]:
+def _point(
+    message: Any, names: list[str], mapping: Mapping, *keys: str
+) -> tuple[Array | None, Array]:
     """Positions and velocities of one of these points in the robot's order; None, and NaN, where it has none."""
     unknown = np.full(len(mapping.names), np.nan)
-    point: dict[str, Any] = next((message[key] for key in keys if isinstance(message.get(key), dict)), {})
+    point: dict[str, Any] = next(
+        (message[key] for key in keys if isinstance(message.get(key), dict)), {}
+    )
     rows = [point.get(key) for key in ("positions", "velocities")]
     if sorted(names) != sorted(mapping.names):
         return None, unknown

@@ -103,10 +103,16 @@ class Estop:
         found = f"; of {BOOL} there are {', '.join(sorted(there)[:5])}" if there else ""
         if publishers and kind:
             return f"expected {BOOL}, it is {kind}{found}"
-        why = "nobody publishes it" if publishers == [] else "nothing heard, and no rosapi to ask who publishes it"
+        why = (
+            "nobody publishes it"
+            if publishers == []
+            else "nothing heard, and no rosapi to ask who publishes it"
+        )
         others = [each for each in there or [] if each != self.topic]
         found = f"; topics of {BOOL}: {', '.join(sorted(others)[:5])}" if others else ""
-        return f"{why}{found}; press and release it with --try-estop, or do without: --without-estop"
+        return (
+            f"{why}{found}; press and release it with --try-estop, or do without: --without-estop"
+        )
 
     def _take(self, message: Any) -> None:
         pressed = message.get("data") if isinstance(message, dict) else None

@@ -51,7 +51,9 @@ class RosGraph:
             try:
                 return self._link.call(f"/rosapi/{service}", f"rosapi/{kind}", request)
             except InvalidInput:
-                self._missing = time.monotonic() - begin < self._link.timeout_s  # it answered: there is none
+                self._missing = (
+                    time.monotonic() - begin < self._link.timeout_s
+                )  # it answered: there is none
         return None
 
 

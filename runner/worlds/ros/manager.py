@@ -55,17 +55,26 @@ class ControllerManager:
         is there to ask."""
         manager, ros = self._setup.controller_manager, self._setup.ros
         if manager is None:
-            raise HardwareFault("torque: cannot be switched, the setup names no controller_manager; the robot holds")
+            raise HardwareFault(
+                "torque: cannot be switched, the setup names no controller_manager; the robot holds"
+            )
         verbs = ("activate", "deactivate") if ros == 2 else ("start", "stop")
-        lists = {f"{verb}_controllers": [self._controller] if on == (k == 0) else [] for k, verb in enumerate(verbs)}
+        lists = {
+            f"{verb}_controllers": [self._controller] if on == (k == 0) else []
+            for k, verb in enumerate(verbs)
+        }
         try:
             with sending or nullcontext():
                 request = lists | {"strictness": 1}
-                answer = self._link.call(f"{manager}/switch_controller", self._kind("SwitchController"), request)
+                answer = self._link.call(
+                    f"{manager}/switch_controller", self._kind("SwitchController"), request
+                )
         except InvalidInput as error:
             raise HardwareFault(f"torque: {error}") from None
         if answer.get("ok") is not True:
-            raise HardwareFault(f"torque: {manager} did not switch {self._controller} {'on' if on else 'off'}")
+            raise HardwareFault(
+                f"torque: {manager} did not switch {self._controller} {'on' if on else 'off'}"
+            )
 
     def _kind(self, name: str) -> str:
         return "controller_manager_msgs/" + ("srv/" if self._setup.ros == 2 else "") + name
@@ -74,6 +83,13 @@ class ControllerManager:
 def _joints(controller: dict[str, Any]) -> frozenset[str]:
     """Joints among what it claims, of either version of ROS."""
     claimed = controller.get("claimed_resources") or []
-    found = {str(name) for each in claimed if isinstance(each, dict) for name in each.get("resources") or []}
-    interfaces = controller.get("required_command_interfaces") or controller.get("claimed_interfaces") or []
+    found = {
+        str(name)
+        for each in claimed
+        if isinstance(each, dict)
+        for name in each.get("resources") or []
+    }
+    interfaces = (
+        controller.get("required_command_interfaces") or controller.get("claimed_interfaces") or []
+    )
     return frozenset(found | {str(each).rsplit("/", 1)[0] for each in interfaces})

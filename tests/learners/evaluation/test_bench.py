@@ -110,11 +110,8 @@ def test_a_folder_with_other_data_is_refused(made: tuple[Path, ClassResult]) -> 
         ({"methods": []}, "plan: methods: expected one or more, got none"),
         ({"test": {"feasible": 1, "infeasible": 1, "seed": 0}}, "plan: test.seed: expected another seed than train"),
         ({"calibration": {"feasible": 1, "infeasible": 1, "seed": 1}}, "plan: calibration.seed: expected another seed"),
-        (
-            {"problems": ["moon"]},
-            "plan: distribution: expected one of ground-3, wall-3, wall-5, "
-            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got",
-        ),
+        ({"problems": ["moon"]}, "plan: distribution: expected one of ground-3, wall-3, wall-5, "
+         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got"),
         ({"fit": {"shar": 0.1}}, "plan: fit.shar: unknown key"),
         ({"fit": {"share": 0.9}}, "plan: fit.share: expected less than 0.5, got 0.9"),
         ({"fit": {"genetic": {"delta": 3.0}}}, "plan: genetic.delta: expected less than 1, got 3.0"),

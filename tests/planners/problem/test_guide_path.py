@@ -127,7 +127,7 @@ def test_a_goal_off_the_terrain_says_how_far_it_is():
 
 
 def test_a_goal_at_the_start_is_refused():
-    with pytest.raises(InvalidInput, match="goal: expected a place .* or more from the start, got 0 m"):
+    with pytest.raises(InvalidInput, match=r"goal: expected a place .* or more from the start, got 0 m"):
         path(over([LEVEL]), (1, 1), (1, 1))
 
 

@@ -46,7 +46,9 @@ def test_a_posture_problem_is_a_problem_of_one_frame(problem):
     assert [contact.leg for contact in again.contacts] == list(problem.legs)
 
 
-def test_both_ways_of_making_it_have_the_same_numbers_and_the_same_answer(drawn, mixed, bounded, soled):
+def test_both_ways_of_making_it_have_the_same_numbers_and_the_same_answer(
+    drawn, mixed, bounded, soled
+):
     planner = ExactPlanner()
     for made in (
         drawn("wall-3", 8),
@@ -90,15 +92,25 @@ def test_bounds_of_footholds_count_in_plans_and_in_files():
     course = read_course("walls", frames=3)
     strong = TwoStageCoursePlanner().solve(course)
     first = course.footholds[0]
-    weak = replace(first, force_min=np.array([0.0, -1.0, -1.0]), force_max=np.array([0.1, 1.0, 1.0]))
+    weak = replace(
+        first, force_min=np.array([0.0, -1.0, -1.0]), force_max=np.array([0.1, 1.0, 1.0])
+    )
     changed = replace(course, footholds=(weak, *course.footholds[1:]))
     answer = TwoStageCoursePlanner().solve(changed)
     assert answer.solution is not None
-    on = [(s, i) for s, of in enumerate(course.stances) for i in of.limbs if course.holds[of.frame, i] == 0]
+    on = [
+        (s, i)
+        for s, of in enumerate(course.stances)
+        for i in of.limbs
+        if course.holds[of.frame, i] == 0
+    ]
     assert on
     for stance, limb in on:
         force = answer.solution.forces_n[stance, limb]
-        assert float(force @ weak.candidates[int(answer.solution.choice[0])].normal) <= 0.1 * course.weight_n + 1e-4
+        assert (
+            float(force @ weak.candidates[int(answer.solution.choice[0])].normal)
+            <= 0.1 * course.weight_n + 1e-4
+        )
     loaded = max(np.linalg.norm(strong.solution.forces_n[s, i]) for s, i in on)
     assert loaded > 0.1 * course.weight_n
     again = Problem.from_json(changed.to_json())
@@ -121,9 +133,13 @@ def test_a_problem_of_several_frames_needs_an_objective(problem):
     course = read_course("walls", frames=2)
     with pytest.raises(InvalidInput, match=r"^weights: expected those of an objective, got none: "):
         replace(course, weights=None)
-    with pytest.raises(InvalidInput, match=r"^weights: expected a course with an objective, got a posture problem$"):
+    with pytest.raises(
+        InvalidInput, match=r"^weights: expected a course with an objective, got a posture problem$"
+    ):
         _ = problem.aim
-    with pytest.raises(InvalidInput, match=r"^contacts: expected a posture problem, got a course of 2 frames$"):
+    with pytest.raises(
+        InvalidInput, match=r"^contacts: expected a posture problem, got a course of 2 frames$"
+    ):
         _ = course.contacts
 
 
@@ -143,7 +159,9 @@ def test_bounds_come_in_pairs_in_order_and_let_a_limb_that_moves_go():
         with pytest.raises(InvalidInput, match=said):
             replace(first, **bounds)
     pushed = replace(first, force_min=np.array([0.0, 0.1, 0.0]), force_max=np.ones(3))
-    with pytest.raises(InvalidInput, match=r"placements\[0\]: force_min, force_max: expected bounds that admit"):
+    with pytest.raises(
+        InvalidInput, match=r"placements\[0\]: force_min, force_max: expected bounds that admit"
+    ):
         replace(course, footholds=(pushed, *others))
 
 

@@ -48,8 +48,12 @@ def test_its_legs_weigh_and_stand_as_its_boxes(walker: GaitRobot, model: RobotMo
     (trunk,) = [shape for shape in model.shapes if shape.link == "base" and shape.collides]
     np.testing.assert_allclose(trunk.origin_m, model.body.com_m, atol=1e-9)
     np.testing.assert_allclose(0.5 * np.array(trunk.size_m), boxes.trunk_half_m, atol=1e-9)
-    assert boxes.to_json() == {name: value for name, value in walker.to_json().items() if name != "model"}
-    assert [remark.text for remark in model.remarks] == ["posture to stand in, from the SRDF: standing"]
+    assert boxes.to_json() == {
+        name: value for name, value in walker.to_json().items() if name != "model"
+    }
+    assert [remark.text for remark in model.remarks] == [
+        "posture to stand in, from the SRDF: standing"
+    ]
     assert {joint.torque_nm for leg in model.legs for joint in leg.joints} == {80.0}
     assert {joint.velocity_rad_s for leg in model.legs for joint in leg.joints} == {12.0}
 
@@ -61,7 +65,9 @@ def test_its_legs_reach_all_of_its_boxes(walker: GaitRobot, model: RobotModel) -
         low, high = foot.reach_min_m, foot.reach_max_m
         corners = np.array([np.where(bits, high, low) for bits in np.ndindex(2, 2, 2)])
         toes = np.vstack([corners, rng.uniform(low, high, (2000, 3))])
-        tilt = np.where(np.arange(len(toes)) % 2, 0.0, rng.uniform(0.0, np.deg2rad(10.0), len(toes)))
+        tilt = np.where(
+            np.arange(len(toes)) % 2, 0.0, rng.uniform(0.0, np.deg2rad(10.0), len(toes))
+        )
         turn = rng.uniform(0.0, 2.0 * np.pi, len(toes))
         sine = np.sin(tilt)
         normals = np.column_stack([sine * np.cos(turn), sine * np.sin(turn), np.cos(tilt)])
@@ -85,7 +91,9 @@ def test_it_is_written_with_its_legs_and_read_again(walker: GaitRobot, model: Ro
     assert again.model is not None
     assert again.model.digest == model.digest
     other = {**anymal().to_json(), "mass_kg": 31.0}
-    with pytest.raises(InvalidInput, match="expected the numbers of the built-in anymal, got others"):
+    with pytest.raises(
+        InvalidInput, match="expected the numbers of the built-in anymal, got others"
+    ):
         robot_from_json(other)
 
 

@@ -56,7 +56,8 @@ FOUR: dict[str, Any] = {
     },
 }
 UNKNOWN = (
-    "robot anymal: no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs: {})"
+    "robot anymal: no legs are known, only its reach: name its URDF, or, in a course, ask for "
+    "drawn-up legs (legs: {})"
 )
 
 
@@ -129,7 +130,9 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_legs_that_make_no_sense_are_refused(legs: dict[str, Any], limb: dict[str, Any], message: str) -> None:
+def test_legs_that_make_no_sense_are_refused(
+    legs: dict[str, Any], limb: dict[str, Any], message: str
+) -> None:
     data = four(**legs)
     data["robot"]["limbs"] = {
         **data["robot"]["limbs"],

@@ -128,7 +128,9 @@ def test_units_do_not_matter(climb, programs):
 
 
 def test_bad_settings_are_refused():
-    with pytest.raises(InvalidInput, match=r"projection: expected one of fix-p, .*, or FILE.py:NAME, got 'magic'"):
+    with pytest.raises(
+        InvalidInput, match=r"projection: expected one of fix-p, .*, or FILE.py:NAME, got 'magic'"
+    ):
         TwoStageCoursePlanner(projection="magic")
     with pytest.raises(InvalidInput, match="gap: expected a number above 0"):
         TwoStageCoursePlanner(gap=0.0)

@@ -74,7 +74,9 @@ def test_a_cavity_is_not_inside_out_and_a_room_is():
 
 
 def test_open_surfaces_are_not_judged_and_hide_no_solid_beside_them():
-    sheet = np.array([[[0, 0, 0], [1, 0, 0], [1, -1, 0]], [[0, 0, 0], [1, -1, 0], [0, -1, 0]]], dtype=float)
+    sheet = np.array(
+        [[[0, 0, 0], [1, 0, 0], [1, -1, 0]], [[0, 0, 0], [1, -1, 0], [0, -1, 0]]], dtype=float
+    )
     assert judged(sheet) is None
     assert judged(sheet[:, ::-1]) is None
     assert judged(sheet, box((0, 0, 0), (1, 1, 1))) is None
@@ -91,7 +93,10 @@ def written(path, solids, *, shared):
         if shared:
             points, number = np.unique(points, axis=0, return_inverse=True)
         lines += [f"v {x} {y} {z}" for x, y, z in points]
-        lines += ["f " + " ".join(str(k) for k in row) for row in (number.reshape(-1, 3) + count + 1).tolist()]
+        lines += [
+            "f " + " ".join(str(k) for k in row)
+            for row in (number.reshape(-1, 3) + count + 1).tolist()
+        ]
         count += len(points)
     path.write_text("\n".join(lines))
     return path
@@ -107,10 +112,14 @@ def test_touching_boxes_of_a_file_have_tops_or_are_refused(tmp_path: Path, share
         shared=shared,
     )
     if wrong:
-        with pytest.raises(InvalidInput, match=r"got a solid about \(.*\) m that is inside out; turn its normals"):
+        with pytest.raises(
+            InvalidInput, match=r"got a solid about \(.*\) m that is inside out; turn its normals"
+        ):
             read_footholds(path)
     else:
-        heights = {round(float(piece.patch.vertices_m[0, 2]), 6) for piece in read_footholds(path).pieces}
+        heights = {
+            round(float(piece.patch.vertices_m[0, 2]), 6) for piece in read_footholds(path).pieces
+        }
         assert heights == {0.0, 0.1}
 
 

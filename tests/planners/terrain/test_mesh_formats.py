@@ -93,7 +93,9 @@ def test_a_ply_may_have_other_properties_and_faces_of_several_sizes(order: str) 
     edge = b"\x02" + np.array([0, 1], dtype=f"{mark}i4").tobytes()
     faces = [[0, 1, 2, 3], [0, 1, 2]]
     body = b"".join(
-        np.array([len(face)], dtype=f"{mark}u2").tobytes() + np.array(face, dtype=f"{mark}u4").tobytes() + bytes(4)
+        np.array([len(face)], dtype=f"{mark}u2").tobytes()
+        + np.array(face, dtype=f"{mark}u4").tobytes()
+        + bytes(4)
         for face in faces
     )
     corners, triangles = read(head.encode() + rows.tobytes() + edge + body, "ply")
@@ -120,7 +122,9 @@ def test_a_ply_may_have_other_properties_and_faces_of_several_sizes(order: str) 
         ("text.stl", r"vertex", "vertex x", "expected numbers, got 'x'"),
     ],
 )
-def test_what_is_wrong_with_a_mesh_is_said(tmp_path: Path, kind: str, old: str, new: str, message: str | None) -> None:
+def test_what_is_wrong_with_a_mesh_is_said(
+    tmp_path: Path, kind: str, old: str, new: str, message: str | None
+) -> None:
     text = content(trimesh.creation.icosphere(1, 0.3), kind).decode()
     changed = re.sub(old, new, text, count=1)
     assert changed != text

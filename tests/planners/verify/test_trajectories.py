@@ -478,7 +478,9 @@ def test_a_standing_foot_off_the_ground_is_caught_either_side_of_it(foot, at, de
     still = standing(slope)
     normal = np.array([-slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
     for side in (-1.0, 1.0):
-        found = {g.name: g for g in check_trajectory(moved(still, "feet_m", side * depth * normal, (at, foot))).refused}
+        found = {
+            g.name: g for g in check_trajectory(moved(still, "feet_m", side * depth * normal, (at, foot))).refused
+        }
         assert (found["contact_gap"].where, found["contact_gap"].when) == (FEET[foot], TIMES_S[at])
         assert found["contact_gap"].value == pytest.approx(depth, rel=1e-6)
 

@@ -31,7 +31,9 @@ def identity(terrain: HeightField) -> SplineMap:
 @pytest.mark.parametrize("name", ["warped", "warped-exact"])
 def test_the_warped_chart_over_the_identity_is_the_ambient_chart(name: str) -> None:
     level = HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25)
-    task = Walk(robot=anymal(), terrain=level, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0)
+    task = Walk(
+        robot=anymal(), terrain=level, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0
+    )
     warped = formulate(task, GaitSettings(chart=name), warp=identity(level))  # type: ignore[arg-type]
     ambient = formulate(task, GaitSettings(chart="ambient"))
     x = warped.perturbed(np.random.default_rng(0))
