@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
@@ -18,6 +18,7 @@ from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
 from stancekit.planners.formats.leap_file import is_leap_file, read_leap
+from stancekit.planners.formats.partial_plan import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
@@ -62,6 +63,8 @@ def plan(
     push_n: float = 0.0,
     wrench: Array | Sequence[float] | None = None,
     time_limit_s: float = 60.0,
+    checkpoint: str | Path | None = None,
+    progress: Callable[[int, int], object] | None = None,
     **old: Any,
 ) -> Answer[Plan]: ...
 @overload
@@ -79,6 +82,8 @@ def plan(
     push_n: float = 0.0,
     wrench: Array | Sequence[float] | None = None,
     time_limit_s: float = 60.0,
+    checkpoint: str | Path | None = None,
+    progress: Callable[[int, int], object] | None = None,
     **old: Any,
 ) -> Answer[Plan] | Answer[LeapPlan]:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries; or a leap.
@@ -108,6 +113,10 @@ def plan(
             has. Plans carry it, and *infeasible* is said with it.
         time_limit_s: for all of it, bending and judging included; what is not decided by then is undecided, and what
             there is so far is in the outcome [s]. A planner that was made before keeps to its own limit, too.
+        checkpoint: of a course of more than 40 key frames, which is planned in pieces, the file NAME.json that keeps
+            what is planned so far: a call like one that was interrupted goes on from there. It is removed once there is
+            a plan.
+        progress: called after every piece of such a course with the key frames that are planned, and all.
         old: settings of methods and limits as arguments, which is the old form.
     Returns:
         An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every stance and between
@@ -171,7 +180,7 @@ def plan(
     layouts = (AS_ASKED,) if given_so else ALTERNATIVES
     return plan_course(
         question, planner, shares=shares, limits=limits, push_n=push_n, wrench=beside_weight, layouts=layouts,
-        deadline=deadline,
+        kept=None if checkpoint is None else PartialPlan(Path(checkpoint)), progress=progress, deadline=deadline,
     )  # fmt: skip
 
 

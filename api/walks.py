@@ -16,8 +16,9 @@ from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt, Progress
 from stancekit.planners.gait.method.checkpoint import Checkpoint as Checkpoint
-from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, plan_gait
+from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts
 from stancekit.planners.gait.method.smoothing import Smoothing
+from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.interrupts import interruptible
 from stancekit.planners.problem.walk import Walk as Walk
@@ -174,7 +175,7 @@ def walked(
         def watched(*at: Any) -> bool:
             return bool(progress and progress(*at)) or interrupted()
 
-        found = plan_gait(
+        found = plan_walk(
             asked, settings=settings, progress=watched, caps=caps, attempts=attempts, checkpoint=checkpoint
         )
     if found.stopped:

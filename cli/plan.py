@@ -73,6 +73,9 @@ class PlanCourse:
     met, or the planner cannot prove what it claims). bound is a proved lower bound on the objective of any plan: the
     difference is the most that a better plan could win.
 
+    A course of more than 40 key frames is planned in pieces; a run that is interrupted, or ends at its time limit,
+    keeps what it has beside --out, and the same command goes on from there.
+
     Exit code 1 where there is no plan, and a line says which constraints fail, at which frame and limb, by how much.
     """
 
@@ -160,14 +163,16 @@ class PlanCourse:
         begin = time.perf_counter()
         self._check()
         planner, limits = self._planner(), self._limits()
-        with progress(f"plan {Path(self.course).stem} by {self.planner}"), self.between.in_options():
+        title = f"plan {Path(self.course).stem} by {self.planner}"
+        with progress(title) as show, self.between.in_options():
             question = self.between.question(self.course, self.frames, self.robot, self.reach)
             asked = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
             with as_options("push_n", "wrench"):
                 outcome = plan(
                     question, planner, **asked, body=limits, push_n=self.push_n, wrench=wrench_numbers(self.wrench),
-                    time_limit_s=left_s,
+                    time_limit_s=left_s, progress=show,
+                    checkpoint=None if self.out is None else self.out.with_suffix(".partial.json"),
                 )  # fmt: skip
         course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:

@@ -45,7 +45,7 @@ from .still import Still
 from .terrain import ICE, ICE_EDGE, ICY, SCALE, patches, tint
 from .video import Frame
 
-GOAL, SUPPORT = "#e8a317", "#2a7f62"
+GOAL, SUPPORT, GUIDE = "#e8a317", "#2a7f62", "#3f6fb5"
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
@@ -146,7 +146,19 @@ class PlanView:
                  layer=Layer.TERRAIN, lift_m=8.0)
             for patch, colour in zip(self.chosen, self.colours, strict=True)
         ]  # fmt: skip
-        return Scene(paths=[*outlines, path], bodies=marks)
+        guide = Path(pieces_m=dashed(course.com_nominal_m), colour=GUIDE, width=1.2, layer=Layer.TOP, lift_m=50.0)
+        tried = [
+            Path(pieces_m=dashed(line), colour=GUIDE, opacity=0.35, layer=Layer.TOP, lift_m=50.0)
+            for line in self.tried_m
+        ]
+        return Scene(paths=[*outlines, *tried, guide, path], bodies=marks)
+
+    @property
+    def tried_m(self) -> list[Array]:
+        """Nominal paths of the body that were tried, and left for others, shape (L, 3) each [m]."""
+        told = self.plan.provenance.get("tried_m", [])
+        lines = [np.asarray(line, dtype=np.float64) for line in told] if isinstance(told, list) else []
+        return [line for line in lines if line.ndim == 2 and line.shape[1] == 3 and len(line) > 1]
 
     def chosen_at(self, now: Samples) -> list[DrawnBody]:
         """The chosen patches that feet stand on in full colour; of the others ``fixed`` has the outlines."""
@@ -313,6 +325,7 @@ class PlanView:
         """What colours mean, for a page."""
         rows = [
             (INK, "path of the centre of mass"),
+            (GUIDE, "guide path, dashed; ways that were tried, faint"),
             (SUPPORT, "where contacts carry the centre of mass"),
             (ACCENT, "contact forces in friction cones"),
             (GOAL, "goal"),

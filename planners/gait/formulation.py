@@ -16,7 +16,7 @@ from .constraints.cone import cone
 from .constraints.contact import contact
 from .constraints.durations import durations
 from .constraints.dynamics import dynamics
-from .constraints.ends import goal, heading_end, start, still_end, still_start
+from .constraints.ends import goal, heading_end, poised, start, still_end, still_start
 from .constraints.footing import SHARE, footing, slope_about, steepest
 from .constraints.reach import reach
 from .constraints.swing import swing
@@ -43,6 +43,7 @@ def terms(structure: Structure) -> list[Constraint]:
         goal(structure),
         heading_end(structure),
         still_end(structure),
+        poised(structure),
         durations(structure),
     ]
     return [term for term in every if term is not None]

@@ -35,6 +35,8 @@ class GaitSettings:
         smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's terrain [m].
         switch_slack_s: how far optimised switching times may move [s].
         still_end: end at rest.
+        poised: begin and end as the robot stands, level and with every foot where it is then, so that another walk can
+            go on from there.
         mean_forces: balance a node's motion by the mean of the forces about it, as p₊ − 2 p + p₋ is one, instead of by
             those at the node; what balances add up to over time is right then, but some walks are harder to find.
             Centred dynamics and fixed timings alone.
@@ -59,6 +61,7 @@ class GaitSettings:
     smoothing_m: float = 0.3
     switch_slack_s: float = 0.1
     still_end: bool = True
+    poised: bool = False
     mean_forces: bool = False
 
     def __post_init__(self) -> None:

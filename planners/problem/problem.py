@@ -46,7 +46,7 @@ from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
 from .wrench import checked_wrench
 
 Value = TypeVar("Value")
-MOST_FRAMES = 200
+MOST_FRAMES = 1000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
@@ -26,6 +28,8 @@ from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
 from .either import part_of
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
+from .pieces import Detour, Kept, Pieces, Progress, in_pieces, plan_pieces
+from .plan_window import Standing
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
@@ -43,6 +47,8 @@ SEARCH = 0.75
 """Fraction of the time within which contacts are to be found, so that they can still be bent and judged."""
 ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
+PIECES = 0.9
+"""Fraction of the time within which all pieces of a long course are to be planned, so that the whole can be judged."""
 UNPROVED = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
 NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
 
@@ -58,6 +64,8 @@ def plan_course(
     push_n: float = 0.0,
     wrench: Array | None = None,
     layouts: Sequence[Alternative] = (AS_ASKED,),
+    kept: Kept | None = None,
+    progress: Progress | None = None,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
     """Answer a course: a plan that was judged, a proof that there is none, or what is known when the time ends.
@@ -75,6 +83,8 @@ def plan_course(
     layouts: ways in which a function lays the course out, the first before all others, which are tried while there is
     time in the order that the table of successes gives (``alternatives.ordered``), where over none before a plan was
     accepted; its provenance says which. *Infeasible* is said of the first alone.
+    kept: of a long course, which is planned in pieces, holds the beginning that an interrupted run had planned.
+    progress: called after every piece with the key frames that are planned, and all.
     deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
     Returns the outcome with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
     and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques are asked for of a
@@ -87,13 +97,30 @@ def plan_course(
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
 
-    def answered(course: Problem, end: float) -> Answer[Plan]:
+    def piece(course: Problem, angles: Array | None, end: float) -> Answer[Plan]:
+        from .whole_body_outcome import with_whole_body  # slow to import
+
+        outcome = plan_with_reserve(planner, course, shares, presses, deadline=_search_end(end))
+        if outcome.certificate is not None:  # of this piece from this posture, and of nothing else
+            outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
+        assert limits is not None
+        return with_whole_body(outcome, limits, angles, deadline=end)
+
+    def answered(course: Problem, end: float, alternative: Alternative = AS_ASKED) -> Answer[Plan]:
         if push_n > course.push_n:
             course = replace(course, push_n=push_n)
         check_push(course, planner)
-        search_end = end
-        if limits is not None and not math.isinf(end):
-            search_end -= (1.0 - SEARCH) * max(end - time.perf_counter(), 0.0)
+        if limits is not None and in_pieces(course) and start_rad is None:
+            detour = _detour(question, alternative, push_n)
+            pieces = plan_pieces(
+                course, piece, detour=detour, kept=kept, progress=progress, deadline=_search_end(end, PIECES)
+            )
+            if pieces.plan is not None or time.perf_counter() > end:
+                answer = _whole(pieces, planner.name, end)
+                if kept is not None and answer.status is Status.FEASIBLE:
+                    kept.remove()
+                return answer
+        search_end = end if limits is None else _search_end(end)
         outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
         if outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer":
             outcome = _refuted(outcome, question, planner, shares[-1], end)
@@ -108,19 +135,70 @@ def plan_course(
     return _laid_out(question, layouts, answered, deadline)
 
 
+def _search_end(end: float, share: float = SEARCH) -> float:
+    """When a search has to end whose plan is to be bent and judged by then."""
+    now = time.perf_counter()
+    return end if math.isinf(end) else now + share * max(end - now, 0.0)
+
+
+def _detour(question: Problem | LayOut, alternative: Alternative, push_n: float) -> Detour | None:
+    """What lays the course out anew from where a robot stands; None where the question cannot."""
+    onward = getattr(question, "onward", None)
+    if onward is None:
+        return None
+
+    def detour(standing: Standing, avoid_m: list[Array]) -> Problem:
+        course: Problem = onward(standing.com_m, avoid_m, alternative)
+        return replace(course, push_n=max(push_n, course.push_n))
+
+    return detour
+
+
+def _whole(pieces: Pieces, method: str, end: float) -> Answer[Plan]:
+    """The answer to a course that was planned in pieces, with one verdict on all of it."""
+    from .whole_body_outcome import judged  # slow to import
+
+    details = {"pieces": float(pieces.pieces), "detours": float(len(pieces.tried_m))}
+    answer: Answer[Plan] = Answer(
+        status=Status.FEASIBLE, method=method, problem=pieces.course, solution=pieces.plan, details=details
+    )
+    if pieces.failed is None and pieces.plan is not None:
+        tried = [np.round(path, 3).tolist() for path in pieces.tried_m]
+        made = {**pieces.plan.provenance, "planner": method, **({"tried_m": tried} if tried else {})}
+        return judged(replace(answer, solution=replace(pieces.plan, provenance=made)), deadline=end)
+    failed = pieces.failed
+    done = 0 if pieces.plan is None else pieces.plan.problem.frames - 1
+    assert failed is not None
+    reason = failed.message or (failed.report.message if failed.report else "")
+    place = pieces.course.com_nominal_m[done]
+    message = (
+        f"planned to key frame {done} of {pieces.course.frames - 1}, at ({place[0]:.2f}, {place[1]:.2f}), in pieces; "
+        f"the next piece: {reason}"
+    )
+    solution = None if failed.solution is None else failed.solution
+    return replace(
+        answer, status=Status.UNDECIDED, solution=solution, report=failed.report if solution is not None else None,
+        message=message,
+    )  # fmt: skip
+
+
 def _loaded(question: Problem | LayOut, wrench: Array | None) -> Problem | LayOut:
     """The course, or what lays it out, with a wrench on every frame."""
     if wrench is None:
         return question
     if not callable(question):
         return question.loaded(wrench)
-    return lambda sets, alternative: question(sets, alternative).loaded(wrench)
+
+    def loaded(sets: Sets, alternative: Alternative) -> Problem:
+        return question(sets, alternative).loaded(wrench)
+
+    return loaded
 
 
 def _laid_out(
     question: LayOut,
     layouts: Sequence[Alternative],
-    answered: Callable[[Problem, float], Answer[Plan]],
+    answered: Callable[[Problem, float, Alternative], Answer[Plan]],
     deadline: float,
 ) -> Answer[Plan]:
     """The answer over the first layout that has a plan; else over the first of all.
@@ -144,7 +222,7 @@ def _laid_out(
             refusal = refusal or error
             continue
         share_s = max(FIRST * (deadline - now), used.wall_s(LEAST_S))
-        outcome = answered(course, min(now + share_s, deadline) if left else deadline)
+        outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
         if outcome.status is Status.FEASIBLE and alternative.message:
             return _of_layout(outcome, alternative)
         if alternative is layouts[0]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -156,11 +157,58 @@ def _room(course: Problem, first: int, com_m: Array, radius_m: Array) -> float:
     return float(np.linalg.norm(step) + radius_m[1]) if step @ course.direction(first + 1) > 0.0 else 0.0
 
 
+def beginning(plan: Plan, last: int) -> Plan:
+    """A plan up to key frame ``last``, where it may be gone on from. Raises InvalidInput for frames that there are
+    not."""
+    problem = course_window(plan.problem, 0, last)
+    feet = [i for i, foothold in enumerate(plan.problem.footholds) if foothold.frame <= last]
+    rows = {(stance.frame, stance.limbs): i for i, stance in enumerate(plan.problem.stances)}
+    forces = plan.forces_n[[rows[stance.frame, stance.limbs] for stance in problem.stances]]
+    return replace(
+        plan, problem=problem, com_m=plan.com_m[: last + 1], rotation_rad=plan.rotation_rad[: last + 1],
+        toes_m=plan.toes_m[feet], choice=plan.choice[feet], forces_n=forces,
+        joints_rad=None if plan.joints_rad is None else plan.joints_rad[: last + 1],
+        modes=None if plan.modes is None else plan.modes[: last + 1],
+    )  # fmt: skip
+
+
+def spliced(course: Problem, frame: int, onward: Problem) -> Problem:
+    """A course up to a key frame, and another one on from there, whose frame 0 is that frame.
+
+    The limbs that lift first in the other one have to be those that would lift next. Raises InvalidInput else.
+    """
+    if onward.frames > 1 and onward.lifts[1] != course.lifts[frame + 1]:
+        raise InvalidInput(f"frame {frame}: expected {course.lifts[frame + 1]} to lift next, got {onward.lifts[1]}")
+    both = [(course, slice(0, frame + 1)), (onward, slice(1, None))]
+    later = [replace(each, frame=each.frame + frame) for each in onward.footholds if each.frame > 0]
+
+    def put(name: str) -> Any:
+        rows = [getattr(each, name) for each, _ in both]
+        if any(row is None for row in rows):
+            return None
+        return np.concatenate([row[part] for row, (_, part) in zip(rows, both, strict=True)])
+
+    return replace(
+        onward,
+        name=course.name,
+        footholds=(*(each for each in course.footholds if each.frame <= frame), *later),
+        lifts=(*course.lifts[: frame + 1], *onward.lifts[1:]),
+        com_nominal_m=put("com_nominal_m"),
+        com_radius_m=put("com_radius_m"),
+        standing_m=put("standing_m"),
+        wrench=put("wrench"),
+        modes=None if course.modes is None or onward.modes is None else (
+            *course.modes[: frame + 1], *onward.modes[1:]
+        ),
+    )  # fmt: skip
+
+
 def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
     """The plans of neighbouring windows as one plan of the course, or of its beginning where they stop earlier.
 
     plans: of windows from frame 0 on, each but the first begun from where the last one ended; what they say of their
-    own first frames is left out. The first may be of frame 0 alone.
+    own first frames is left out. The first may be of frame 0 alone. Joints are those of the windows where all have
+    some.
     """
     if course.has_soles:
         raise InvalidInput("windows: expected point feet to join plans of, got soles")
@@ -180,6 +228,8 @@ def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
             com.append(plan.com_m[1:])
             rotation.append(plan.rotation_rad[1:])
         first += plan.problem.frames - 1
+    joints = [plan.joints_rad if number == 0 else plan.joints_rad[1:]
+              for number, plan in enumerate(plans) if plan.joints_rad is not None]  # fmt: skip
     whole = course_window(course, 0, first)
     order = [(foothold.frame, foothold.limb) for foothold in whole.footholds]
     return Plan(
@@ -189,5 +239,6 @@ def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
         toes_m=np.array([toes[key] for key in order]),
         choice=np.array([choice[key] for key in order]),
         forces_n=np.array([forces[stance.frame, stance.limbs] for stance in whole.stances]).reshape(-1, len(names), 3),
+        joints_rad=np.vstack(joints) if len(joints) == len(plans) else None,
         provenance={"windows": len(plans)},
     )

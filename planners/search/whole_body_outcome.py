@@ -54,6 +54,18 @@ def with_whole_body(
         if limits.concern(course.robot):
             raise
     LOG.info("plan: bent in %g steps", details.get("torque_steps", 0.0))
+    return judged(replace(outcome, solution=plan, details=details), report, bent=bent, deadline=deadline)
+
+
+def judged(
+    outcome: Answer[Plan], report: Report[Plan] | None = None, *, bent: bool = True, deadline: float = math.inf
+) -> Answer[Plan]:
+    """The outcome with the verifier's report on all of its plan, which decides its status.
+
+    report: what the verifier said of the plan already, if it was asked. bent: whether there was time to bend the plan.
+    """
+    plan = outcome.solution
+    assert plan is not None
     report = report or check_plan(plan, joints=True, deadline=deadline)  # which nothing was asked of yet
     if not any(group.name == MARGIN for group in report.groups) and not report.defect:
         report = replace(report, groups=(*report.groups, margin_group(plan)))
@@ -64,10 +76,8 @@ def with_whole_body(
         outcome,
         status=Status.UNDECIDED if undecided or tips else outcome.status,
         message=tips or (_reason(report, bent=bent) if undecided else outcome.message),
-        solution=plan,
         objective=objective_of(plan),
         residual=report.worst,
-        details=details,
         report=report,
     )
 

@@ -119,7 +119,7 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("walls", "--frames", 0), "walls: frames: expected 1 to 200 key frames, got 0"),
+        (("walls", "--frames", 0), "walls: frames: expected 1 to 1000 key frames, got 0"),
         (("walls", "--time-limit-s", 0), "--time-limit-s: expected a number above 0, up to 1e+06, got 0"),
         (("walls", "--out", "a.txt"), "a.txt: expected a plan's name to end in .json, got .txt"),
         (("walls", "--out", "a.npz"), "a.npz: expected a plan's name to end in .json, got .npz"),
@@ -171,8 +171,8 @@ def test_bad_input_is_one_line_before_any_work(arguments, message, refusal, tmp_
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--goal", "0.3,0", "--frames", "0"), "--frames: expected 1 to 200, got 0"),
-        (("--goal", "0.3,0", "--frames", "201"), "--frames: expected 1 to 200, got 201"),
+        (("--goal", "0.3,0", "--frames", "0"), "--frames: expected 1 to 1000, got 0"),
+        (("--goal", "0.3,0", "--frames", "1001"), "--frames: expected 1 to 1000, got 1001"),
         (("--goal", "1e300,0"), "--goal: expected magnitudes up to 1e+06, got 1e+300"),
     ],
 )

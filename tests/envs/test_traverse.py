@@ -302,7 +302,7 @@ def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
         ),
         ({"courses": ("wals",)}, "course: expected one of ground-to-wall, icy-walls, stairs, tube, walls"),
         ({"render_mode": "ansi"}, r"render_mode: expected one of \['rgb_array'\], got 'ansi'"),
-        ({"frames": 0}, "frames: expected 1 to 200 key frames, got 0"),
+        ({"frames": 0}, "frames: expected 1 to 1000 key frames, got 0"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(named, message):

@@ -12,7 +12,7 @@ from ...files.arrays import Array
 from ..charts.chart import Chart
 from ..transcription.blocks import Block, Constraint, Kernel
 from ..transcription.taylor import ExpansionPoint
-from ..variables.layout import Index
+from ..variables.layout import NOTHING, Index
 from ..variables.structure import Structure
 
 
@@ -45,6 +45,29 @@ def heading_end(structure: Structure) -> Constraint | None:
     heading = np.array([structure.task.end_yaw_rad])
     yaw = csr_array(structure.layout.torso_rows(structure.times_s[-1:])[[5]])
     return Constraint("heading end", heading, heading, (), yaw)
+
+
+def poised(structure: Structure) -> Constraint | None:
+    """Height, roll and pitch of the torso and every foot at t = 0 and t = T are those of the standing robot, where the
+    settings ask for it. Where rows of other terms say so already, they are left out."""
+    if not structure.settings.poised:
+        return None
+    task, layout, chart = structure.task, structure.layout, structure.chart
+    rows, values = list[csr_array](), list[Array]()
+    for xy, yaw, knot, stance in zip(
+        (task.start_xy_m, task.goal_xy_m), task.yaws(), (layout.torso[0], layout.torso[-1]), (0, -1), strict=True
+    ):
+        feet = task.stance_m(xy, yaw)
+        torso = np.array([[*xy, feet[:, 2].mean() + task.robot.stand_height_m]])
+        rows.append(layout.entry_rows(knot[2:5]))
+        values.append(np.array([chart.torso_bar(torso)[0, 2], 0.0, 0.0]))
+        for foot, place in zip(layout.feet, feet, strict=True):
+            entries = foot.stances[stance]
+            known = entries != NOTHING
+            rows.append(layout.entry_rows(entries[known]))
+            values.append(chart.foot_bar(place[None])[0][known])
+    target = np.concatenate(values)
+    return Constraint("poised", target, target, (), csr_array(vstack(rows)))
 
 
 def over(structure: Structure, name: str, node: int, xy_m: Array) -> Constraint:

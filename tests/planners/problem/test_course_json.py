@@ -158,7 +158,7 @@ def test_all_that_is_wrong_is_said_at_once_with_its_place(data):
         ),
         (lambda d: d["lifts"][1].append("tail"), "leg: expected one of LF, LM, LR, RF, RM, RR, got 'tail'"),
         (lambda d: d.update(goal_m=[0.0, float("nan"), 0.0]), "goal_m: expected finite numbers"),
-        (lambda d: d.update(lifts=[]), "frames: expected 1 to 200 key frames, got 0"),
+        (lambda d: d.update(lifts=[]), "frames: expected 1 to 1000 key frames, got 0"),
     ],
 )
 def test_a_file_that_was_changed_is_refused_with_the_place(data, change, message):

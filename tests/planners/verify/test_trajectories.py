@@ -601,8 +601,8 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
     allowed = {
         "errors.py", "cached.py", "physics.py", "files/arrays.py", "files/archive.py", "files/comparison.py",
         "files/codec.py", "files/documents.py", "files/validation.py",
-        "answer/trajectory.py", "robot/leg_sources.py", "robot/limb.py", "robot/model.py", "robot/model_json.py", "robot/reach.py",
-        "robot/servo.py", "robot/single_body.py", "robot/urdf_reader.py", "terrain/bspline.py", "terrain/certainty.py",
+        "answer/trajectory.py", "robot/leg_sources.py", "robot/limb.py", "robot/model.py", "robot/model_json.py",
+        "robot/reach.py", "robot/servo.py", "robot/single_body.py", "robot/urdf_reader.py", "terrain/bspline.py", "terrain/certainty.py",
         "terrain/heightfield.py", "terrain/patch.py", "terrain/polygon.py", "terrain/prism.py", "terrain/sole.py",
         "verify/trajectories.py", "verify/trajectory_defects.py", "verify/trajectory_limits.py",
         "verify/trajectory_measurements.py", "verify/trajectory_momentum.py", "verify/trajectory_series.py",

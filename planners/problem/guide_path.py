@@ -1,0 +1,663 @@
+"""The guide path: where a robot's body can go over a terrain, from one place to another, and what is in the way.
+
+Places of the centre of mass are the nodes of a lattice. At a node every toe, as the robot stands, needs a foothold
+close by, all at about one height, and no surface may be where the standing robot is: its footprint, the hull of its
+joints, feet and base seen from above, is kept clear of everything between its belly and its top (the Minkowski sum of a
+surface and the mirrored footprint, Lozano-Pérez, 1983). Ways are longer where footholds are rare and where solids are
+near.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, label, maximum_filter
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import ConvexHull
+
+from ..errors import InvalidInput, PlanningFailed
+from ..files.arrays import Array
+from ..robot.model import Robot
+from ..terrain.patch import Patch
+from ..terrain.polygon import half_planes
+from .candidates import NoPlace
+
+if TYPE_CHECKING:
+    from ..robot.single_body import GaitRobot
+    from ..terrain.heightfield import HeightField
+    from ..terrain.terrain import Terrain
+
+LATTICE_M = 0.04
+"""Between nodes [m]; more on terrains that have too many."""
+MOST_NODES = 150_000
+ASIDE = 0.35
+"""How far a toe's foothold may be from where it likes to be, in reaches."""
+APART = (0.3, 0.5)
+"""How far a foothold may be above or below the mean of all, in reaches: the second where the first leaves no way."""
+STRAIGHT_M = 0.03
+"""Points of the way this close to a straight line are left out [m]."""
+RARE = 3.0
+"""A way costs so many times its length where every toe is as far aside as it may be."""
+ROOMS = ((0.0, np.inf), (0.06, 4.0), (0.12, 2.0), (0.18, 1.3))
+"""How much room there is between footprint and solids [m], and what a way with less costs by its length."""
+_ROOMS_M = tuple(distance for distance, _ in ROOMS)
+AVOIDED_M, AVOIDED = 0.5, 6.0
+"""About a place where a plan failed before a way costs so many times its length, so far around [m]."""
+UPRIGHT = 0.3
+"""Surfaces whose normals are steeper than this have one height at a place."""
+BELLY, TOP = 0.4, 0.5
+"""Solids are in the way from so far below the centre of mass on, in heights of the body over its toes, and up to so far
+above it, where nobody knows the robot's links."""
+STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
+TRIES = 32
+"""So many straight parts are tried from a node of a way on."""
+GAPS = 12
+"""So often is the widest gap halved."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Footprint:
+    """A standing robot from above. toes_m: from the centre of mass, shape (N, 3) [m]; hull_m: of all that it is made
+    of, about the centre of mass, shape (K, 2) [m]; low_m, high_m: between which heights over the centre of mass solids
+    are in its way [m]; names: of the limbs; reach_m: mean of the limbs' [m]."""
+
+    toes_m: Array
+    hull_m: Array
+    low_m: float
+    high_m: float
+    names: tuple[str, ...]
+    reach_m: float
+
+    @classmethod
+    def of(cls, robot: Robot, toes_m: Array) -> Footprint:
+        """The footprint of a robot that stands on these toes; of its toes alone where its legs are not known."""
+        reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
+        down = float(np.abs(toes_m[:, 2]).mean())
+        points, high = [toes_m], TOP * down
+        try:
+            from ..robot.bodies import link_shapes
+            from ..robot.kinematics import Kinematics
+
+            known = Kinematics(robot)
+            angles = known.solve(np.zeros(3), np.zeros(3), toes_m).angles
+            own = known.chains(angles).reshape(-1, 3)
+            for shape, corners in link_shapes(known.model)[0]:
+                if known.model.mounts[shape.link].leg is None:
+                    mount = known.model.mounts[shape.link]
+                    at = corners @ shape.rotation.T + shape.origin_m
+                    own = np.vstack([own, at @ mount.rotation.T + mount.origin_m])
+            points.append(own - robot.source.origin_m)
+            high = float(points[1][:, 2].max())
+        except InvalidInput:  # nobody knows its legs, or pinocchio is not there
+            pass
+        flat = np.concatenate(points)[:, :2]
+        return cls(
+            toes_m=toes_m, hull_m=_hull(flat), low_m=-BELLY * down, high_m=high,
+            names=tuple(limb.name for limb in robot.limbs), reach_m=reach,
+        )  # fmt: skip
+
+    @classmethod
+    def of_walker(cls, robot: GaitRobot, yaw_rad: float) -> Footprint:
+        """The footprint of a torso and its feet that faces so from x towards y [rad]."""
+        toes = np.array([foot.nominal_m for foot in robot.feet])
+        half = robot.trunk_half_m
+        trunk = np.array([[x, y, 0.0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
+        turn = np.array([[np.cos(yaw_rad), np.sin(yaw_rad), 0.0], [-np.sin(yaw_rad), np.cos(yaw_rad), 0.0], [0, 0, 1]])
+        high = robot.stand_height_m
+        return cls(
+            toes_m=toes @ turn, hull_m=_hull((np.vstack([toes, trunk]) @ turn)[:, :2]), low_m=-BELLY * high,
+            high_m=TOP * high, names=tuple(foot.name for foot in robot.feet), reach_m=high,
+        )  # fmt: skip
+
+    @property
+    def radius_m(self) -> float:
+        """The farthest that it goes from the centre of mass [m]."""
+        return float(np.linalg.norm(self.hull_m, axis=1).max())
+
+    @property
+    def width_m(self) -> float:
+        """Its least width, over all directions [m]."""
+        ahead = np.roll(self.hull_m, -1, axis=0) - self.hull_m
+        normals = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1)[:, None]
+        along = self.hull_m @ normals.T
+        return float((along.max(axis=0) - along.min(axis=0)).min())
+
+    def grown(self, room_m: float, scale: float = 1.0) -> Array:
+        """The hull by a scale and with room around it, shape (K', 2) [m]."""
+        if room_m <= 0.0:
+            return scale * self.hull_m
+        turn = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+        rim = room_m / np.cos(np.pi / 12) * np.column_stack([np.cos(turn), np.sin(turn)])
+        return _hull((scale * self.hull_m[:, None] + rim).reshape(-1, 2))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GuidePath:
+    """A way of the body. points_m: straight between them, shape (L, 3) [m]; room_m: the least room between solids and
+    footprint that it was asked for along it [m]."""
+
+    points_m: Array
+    room_m: float
+
+    @property
+    def length_m(self) -> float:
+        """Along it [m]."""
+        return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum())
+
+
+def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: Sequence[Array] = ()) -> GuidePath:
+    """The best way between two places, shape (2, 2) [m].
+
+    avoid_m: places (x, y) where a plan along another way failed.
+    Raises NoPlace for a start or goal in a solid, off the terrain, or without footholds for all toes, and
+    PlanningFailed where no way is found, which names what is in the way and proves nothing.
+    """
+    start, goal = ends_m
+    standing = [patch for _, patch in terrain.standing]
+    first: InvalidInput | PlanningFailed | None = None
+    for apart in APART:
+        for lowest in (False, True):
+            lattice = _Lattice.over(terrain.patches, standing, footprint, apart, lowest=lowest)
+            try:
+                return lattice.way(start, goal, avoid_m)
+            except (NoPlace, PlanningFailed) as error:
+                known = first is None or (isinstance(first, NoPlace) and isinstance(error, PlanningFailed))
+                first = error if known else first
+            if not lattice.layered:
+                break
+    assert first is not None
+    raise first
+
+
+def guide_over(heights: HeightField, footprint: Footprint, ends_m: Array, friction: float) -> tuple[GuidePath, bool]:
+    """The same over heights, where ground that is steeper than friction holds is no foothold, and what is higher than
+    the robot's belly is a wall, as bars overhead are; and whether the straight way is as good."""
+    first: InvalidInput | PlanningFailed | None = None
+    for apart in APART:
+        lattice = _Lattice.on(heights, footprint, apart, friction)
+        try:
+            found = lattice.way(ends_m[0], ends_m[1], ())
+        except (NoPlace, PlanningFailed) as error:
+            first = first or error
+            continue
+        return found, lattice.clear(ends_m)
+    assert first is not None
+    raise first
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Lattice:
+    """Nodes on an even grid from a corner, shape (2,) [m]; z_m: height of the body there, NaN where it cannot stand,
+    shape (n, m); worth: cost of a way there by its length; missing: which toe lacks a foothold, −1 for none; apart:
+    where footholds are too far above or below each other; room: number of the first of ``ROOMS`` that there is not, by
+    which surface, −1 for none; layered: whether footholds are above each other; heights_m: of the ground at the nodes,
+    where it is one of heights."""
+
+    corner_m: Array
+    spacing_m: float
+    z_m: Array
+    worth: Array
+    missing: NDArray[np.int_]
+    apart: NDArray[np.bool_]
+    room: NDArray[np.int_]
+    by: NDArray[np.int_]
+    layered: bool
+    footprint: Footprint
+    surfaces: Sequence[Patch]
+    heights_m: Array | None = None
+
+    @classmethod
+    def over(
+        cls, surfaces: Sequence[Patch], standing: Sequence[Patch], footprint: Footprint, apart: float, *, lowest: bool
+    ) -> _Lattice:
+        """The lattice over footholds. apart: how far one may be above or below the mean of all toes', in reaches;
+        lowest: of footholds above each other the lowest counts, not the highest."""
+        reach, toes = footprint.reach_m, footprint.toes_m
+        corners = np.concatenate([patch.vertices_m for patch in standing])[:, :2]
+        room = float(np.abs(toes[:, :2]).max()) + ASIDE * reach
+        low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
+        spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
+        shape = np.ceil((high - low) / spacing).astype(int) + 1
+        top, bottom = _rastered(standing, low, spacing, shape)
+        layered = bool(np.nanmax(top - bottom, initial=0.0) > apart * reach)
+        stood = cls._stood(bottom if lowest else top, low, spacing, footprint, apart)
+        blocked, by = _room(surfaces, footprint, stood["z_m"], low, spacing)
+        return cls(**stood | _worth(stood["worth"], blocked), by=by, layered=layered, surfaces=surfaces)
+
+    @classmethod
+    def on(cls, heights: HeightField, footprint: Footprint, apart: float, friction: float) -> _Lattice:
+        """The lattice over heights."""
+        low, high = np.array(heights.domain_m).T
+        spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
+        lines = [low[k] + spacing * np.arange(int((high[k] - low[k]) / spacing) + 1) for k in range(2)]
+        xy = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
+        ground, slope = heights.height_and_gradient(xy.reshape(-1, 2))
+        ground = ground.reshape(xy.shape[:2])
+        steep = np.linalg.norm(slope, axis=1).reshape(ground.shape) > friction
+        stood = cls._stood(np.where(steep, np.nan, ground), low, spacing, footprint, apart)
+        blocked = np.full(ground.shape, -1)
+        for number in reversed(range(len(ROOMS))):
+            hull = footprint.grown(ROOMS[number][0])
+            size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
+            line = spacing * np.arange(-size, size + 1)
+            normals, offsets = half_planes(hull)
+            mask = np.all(np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1)
+            highest = maximum_filter(ground, footprint=mask, mode="nearest")
+            blocked[highest > stood["z_m"] + footprint.low_m] = number
+        none = np.full(ground.shape, -1)
+        return cls(**stood | _worth(stood["worth"], blocked), by=none, layered=False, surfaces=(), heights_m=ground)
+
+    @staticmethod
+    def _stood(heights: Array, low: Array, spacing: float, footprint: Footprint, apart: float) -> dict[str, Any]:
+        """Where the robot can stand, of footholds' heights at the nodes."""
+        reach, toes = footprint.reach_m, footprint.toes_m
+        away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
+        aside = spacing * away / (ASIDE * reach)
+        close = np.where(aside <= 1.0, heights[tuple(nearest)], np.nan)
+        each, costs = [], []
+        for toe in toes:
+            shift = np.round(toe[:2] / spacing).astype(int)
+            each.append(_moved(close, shift, np.nan) - toe[2])
+            costs.append(_moved(aside, shift, 1.0))
+        levels = np.array(each)
+        lacking = np.where(np.isnan(levels).any(axis=0), np.isnan(levels).argmax(axis=0), -1)
+        z = levels.mean(axis=0)
+        uneven = np.abs(levels - z).max(axis=0) > apart * reach
+        z[uneven] = np.nan
+        worth = 1.0 + (RARE - 1.0) * np.clip(np.mean(costs, axis=0), 0.0, 1.0)
+        return {
+            "corner_m": low, "spacing_m": spacing, "z_m": z, "worth": worth, "missing": lacking, "apart": uneven,
+            "footprint": footprint,
+        }  # fmt: skip
+
+    def clear(self, ends_m: Array) -> bool:
+        """Whether the robot can stand, clear of solids, all along a straight way."""
+        count = int(np.ceil(np.linalg.norm(ends_m[1] - ends_m[0]) / self.spacing_m)) + 1
+        points = ends_m[0] + np.linspace(0.0, 1.0, count)[:, None] * (ends_m[1] - ends_m[0])
+        i, j = np.round((points - self.corner_m) / self.spacing_m).astype(int).T
+        return bool(self.free[i, j].all())
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Where the robot can stand, clear of solids."""
+        return np.asarray(np.isfinite(self.z_m) & (self.room != 0))
+
+    def way(self, start: Array, goal: Array, avoid_m: Sequence[Array]) -> GuidePath:
+        """The cheapest way."""
+        ends = [self._node(place, name) for place, name in ((start, "start"), (goal, "goal"))]
+        if ends[0] == ends[1]:
+            gap = float(np.linalg.norm(goal - start))
+            raise InvalidInput(f"goal: expected a place {self.spacing_m:.2g} m or more from the start, got {gap:.2g} m")
+        worth = self.worth
+        for place in avoid_m:
+            off = np.linalg.norm(self._places() - place[:2], axis=-1)
+            worth = np.where(off < AVOIDED_M, AVOIDED * worth, worth)
+        found = self._cheapest(ends, self.free, worth)
+        if found is None:
+            raise PlanningFailed(self._refusal(start, goal, ends))
+        points, rooms = self._shortened(found, worth)
+        points[0, :2], points[-1, :2] = start, goal
+        least = min((ROOMS[number - 1][0] for number in rooms if number > 0), default=ROOMS[-1][0])
+        return GuidePath(points_m=_straightened(points), room_m=least)
+
+    @property
+    def _border(self) -> tuple[Array, Array]:
+        """Corners of a rectangle about the terrain, shape (2,) [m] each."""
+        if self.heights_m is not None:
+            return self.corner_m, self.corner_m + self.spacing_m * (np.array(self.z_m.shape) - 1)
+        corners = np.concatenate([patch.vertices_m for patch in self.surfaces])[:, :2]
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def _cheapest(self, ends: list[int], free: NDArray[np.bool_], worth: Array) -> list[int] | None:
+        """Nodes of the cheapest way over free ones, None where there is none."""
+        shortest: Any = dijkstra
+        graph = self._graph(np.where(free, self.z_m, np.nan), worth)
+        cost, before = shortest(graph, indices=ends[0], return_predecessors=True, directed=False)
+        if not np.isfinite(cost[ends[1]]):
+            return None
+        nodes = [ends[1]]
+        while nodes[-1] != ends[0]:
+            nodes.append(int(before[nodes[-1]]))
+        return nodes[::-1]
+
+    def _shortened(self, nodes: list[int], worth: Array) -> tuple[Array, NDArray[np.int_]]:
+        """Points of the way, shape (L, 3) [m], straight wherever that costs no more, and their ``room``."""
+        places = np.array(np.unravel_index(nodes, self.z_m.shape)).T
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        costs = worth.ravel()[nodes]
+        spent = np.concatenate([[0.0], np.cumsum(0.5 * steps * (costs[1:] + costs[:-1]))])
+        parts, rooms, at, last = [self._point(nodes[0])[None]], [self.room.ravel()[nodes[:1]]], 0, len(nodes) - 1
+        while at < last:
+            for end in np.unique(np.geomspace(last, at + 1, TRIES).astype(int))[::-1]:
+                count = 2 if end == at + 1 else int(np.abs(places[end] - places[at]).max()) + 1
+                line = np.linspace(places[at], places[end], count)
+                rows = tuple(np.round(line).astype(int).T)
+                rises = np.abs(np.diff(self.z_m[rows]))
+                length = float(np.linalg.norm(places[end] - places[at]))
+                cost = length * float(np.mean(0.5 * (worth[rows][1:] + worth[rows][:-1])))
+                good = self.free[rows].all() and bool((rises <= self.spacing_m).all())
+                if end == at + 1 or (good and cost <= (1.0 + 1e-9) * (spent[end] - spent[at])):
+                    break
+            points = np.column_stack([self.corner_m + self.spacing_m * line, self.z_m[rows]])
+            parts.append(points[1:])
+            rooms.append(self.room[rows][1:])
+            at = int(end)
+        return np.concatenate(parts), np.concatenate(rooms)
+
+    def _places(self) -> Array:
+        """Of the nodes, shape (n, m, 2) [m]."""
+        i, j = np.meshgrid(*map(np.arange, self.z_m.shape), indexing="ij")
+        return np.asarray(self.corner_m + self.spacing_m * np.stack([i, j], axis=-1))
+
+    def _point(self, node: int) -> Array:
+        i, j = np.unravel_index(node, self.z_m.shape)
+        return np.array([*(self.corner_m + self.spacing_m * np.array([i, j])), self.z_m[i, j]])
+
+    def _node(self, place: Array, name: str) -> int:
+        """The node at a place. Raises NoPlace where the robot cannot stand."""
+        at = np.round((place - self.corner_m) / self.spacing_m).astype(int)
+        where = f"{name}: expected footholds for every toe about ({place[0]:g}, {place[1]:g})"
+        if not np.isfinite(self.z_m).any():
+            raise NoPlace(f"{where}, got a terrain on which the robot can stand nowhere")
+        inside = bool(np.all((at >= 0) & (at < self.z_m.shape)))
+        low, high = self._border
+        beyond = float(np.linalg.norm(np.maximum(low - place, 0.0) + np.maximum(place - high, 0.0)))
+        if beyond > 0.0:
+            raise NoPlace(f"{name}: expected a place on the terrain, got ({place[0]:g}, {place[1]:g}), {beyond:.3g} m "
+                          "beyond its border")  # fmt: skip
+        if inside and self.free[tuple(at)]:
+            return int(np.ravel_multi_index(tuple(at), self.z_m.shape))
+        gaps = self.corner_m + self.spacing_m * np.argwhere(self.free) - place
+        gap = float(np.linalg.norm(gaps, axis=1).min(initial=np.inf))
+        nearest = f"the nearest place to stand is {gap:.3g} m away"
+        if (solid := self._solid_at(place)) is not None:
+            raise NoPlace(f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in the "
+                          f"{solid}; {nearest}")  # fmt: skip
+        if inside and np.isfinite(self.z_m[tuple(at)]):
+            number = int(self.by[tuple(at)])
+            raise NoPlace(f"{name}: expected room for the robot about ({place[0]:g}, {place[1]:g}), got a "
+                          f"{self._named(number, place, float(self.z_m[tuple(at)]))}; {nearest}")  # fmt: skip
+        lacking = int(self.missing[tuple(at)]) if inside else 0
+        names = self.footprint.names
+        reason = f"none near that of {names[lacking]}" if lacking >= 0 else "some too far above or below the others"
+        raise NoPlace(f"{where}, got {reason}; {nearest}")
+
+    def _solid_at(self, place: Array) -> str | None:
+        """The solid that stands on the ground over a place."""
+        ground = self._ground(place)
+        over = list[tuple[float, int]]()
+        for number, patch in enumerate(self.surfaces):
+            flat = patch.vertices_m[:, :2]
+            if patch.normal[2] < UPRIGHT or np.any(place < flat.min(axis=0)) or np.any(place > flat.max(axis=0)):
+                continue
+            normals, offsets = half_planes(flat)
+            top = float(patch.vertices_m[:, 2].max())
+            if np.all(normals @ place < offsets) and top > ground - self.footprint.low_m * 0.5:
+                over.append((top, number))
+        if not over:
+            return None
+        top, number = max(over)
+        for other in self.surfaces:  # a bar's underside: one may stand below it
+            flat = other.vertices_m[:, :2]
+            if other.normal[2] > -UPRIGHT or np.any(place < flat.min(axis=0)) or np.any(place > flat.max(axis=0)):
+                continue
+            if ground + 1e-3 < float(other.vertices_m[:, 2].min()) < top:
+                return None
+        return f"solid that is {top - ground:.3g} m high"
+
+    def _ground(self, place: Array) -> float:
+        """Height of the lowest ground that faces up about a place, as most of the terrain has it [m]."""
+        down = float(np.abs(self.footprint.toes_m[:, 2]).mean())
+        known = np.isfinite(self.z_m)
+        gaps = np.linalg.norm(self._places() - place, axis=-1)
+        gaps[~known] = np.inf
+        return float(self.z_m.ravel()[int(gaps.argmin())]) - down
+
+    def _named(self, number: int, place: Array, body_z: float) -> str:
+        """What a surface is, for people: wall or bar, where, and how high."""
+        ground = body_z - float(np.abs(self.footprint.toes_m[:, 2]).mean())
+        if self.heights_m is not None:
+            off = np.linalg.norm(self._places() - place, axis=-1)
+            i, j = np.unravel_index(
+                np.where(off < self.footprint.radius_m, self.heights_m, -np.inf).argmax(), off.shape
+            )
+            near = self.corner_m + self.spacing_m * np.array([i, j])
+            return f"wall at ({near[0]:.2g}, {near[1]:.2g}), {self.heights_m[i, j] - ground:.2g} m high"
+        patch = self.surfaces[number]
+        low, high = float(patch.vertices_m[:, 2].min()), float(patch.vertices_m[:, 2].max())
+        near = _nearest_on(patch.vertices_m[:, :2], place)
+        at = f"at ({near[0] + 0.0:.2g}, {near[1] + 0.0:.2g})"
+        if low > ground + 0.02:
+            return f"bar {at}, {low - ground:.2g} to {high - ground:.2g} m above the ground"
+        return f"wall {at}, {high - ground:.2g} m high"
+
+    def _refusal(self, start: Array, goal: Array, ends: list[int]) -> str:
+        """What is in the way, where every way is barred."""
+        known, free = np.where(np.isfinite(self.z_m), self.z_m, np.nanmean(self.z_m)), self.free
+        barred = replace(self, z_m=np.full_like(known, float(np.nanmean(self.z_m))))
+        through = barred._cheapest(ends, np.ones_like(free), np.where(free, 1.0, 30.0))
+        head = f"no way from ({start[0]:g}, {start[1]:g}) to ({goal[0]:g}, {goal[1]:g})"
+        reached = np.asarray(label(free, structure=np.ones((3, 3)))[0])
+        own = reached == reached.ravel()[ends[0]]
+        if through is None:
+            return head
+        node = next((each for each in through if not free.ravel()[each]), None)
+        if node is None:  # heights alone: a slope or a step between places that can be stood at
+            rises = np.abs(np.diff(known.ravel()[through]))
+            node = through[int(rises.argmax())]
+            place = self._point(node)[:2]
+            return f"{head}: a step or slope of more than 45 degrees at ({place[0]:.2g}, {place[1]:.2g})"
+        i, j = np.unravel_index(node, free.shape)
+        place = self.corner_m + self.spacing_m * np.array([i, j])
+        around = float(np.linalg.norm(self._places()[own] - place, axis=-1).max(initial=0.0))
+        beyond = f"no way round within {around:.2g} m"
+        if np.isfinite(self.z_m[i, j]):
+            what = self._named(int(self.by[i, j]), place, float(self.z_m[i, j]))
+            return f"{head}: {what}: {beyond}{self._widest(ends)}"
+        if self.missing[i, j] >= 0:
+            toe = place + self.footprint.toes_m[int(self.missing[i, j]), :2]
+            said = f"no footholds within {ASIDE * self.footprint.reach_m:.2g} m of ({toe[0]:.2g}, {toe[1]:.2g})"
+            wall = self._wall_near(toe, float(known[i, j]))
+            return f"{head}: {wall or 'hole or border: ' + said}: {beyond}{self._widest(ends) if wall else ''}"
+        wall = self._wall_near(place, float(known[i, j]))
+        step = f"step at ({place[0]:.2g}, {place[1]:.2g}) that is higher than the legs can take"
+        return f"{head}: {wall or step}: {beyond}{self._widest(ends) if wall else ''}"
+
+    def _wall_near(self, place: Array, body_z: float) -> str:
+        """The highest solid over the ground that is near to a place, for people; empty for none."""
+        ground = body_z - float(np.abs(self.footprint.toes_m[:, 2]).mean())
+        if self.heights_m is not None:
+            off = np.linalg.norm(self._places() - place, axis=-1)
+            highest = self.heights_m[off < self.footprint.radius_m].max(initial=-np.inf)
+            return self._named(-1, place, body_z) if highest > ground - self.footprint.low_m else ""
+        found = list[tuple[float, int]]()
+        for number, patch in enumerate(self.surfaces):
+            low, high = patch.vertices_m[:, 2].min(), patch.vertices_m[:, 2].max()
+            if high < ground - self.footprint.low_m or low > body_z + self.footprint.high_m or patch.normal[2] > 0.99:
+                continue
+            near = _nearest_on(patch.vertices_m[:, :2], place)
+            if np.linalg.norm(near - place) < self.footprint.radius_m:
+                found.append((float(high - low), number))
+        return self._named(max(found)[1], place, body_z) if found else ""
+
+    def _widest(self, ends: list[int]) -> str:
+        """How wide the widest gap is, where a narrower robot would have a way; empty where none would, and of heights,
+        where a gap may be narrower than their grid shows."""
+        if self.heights_m is not None:
+            return ""
+        low, high = 0.0, 1.0
+        heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
+        corners, places = self._border, self._places()
+
+        def passes(scale: float) -> bool:
+            hull = scale * self.footprint.hull_m
+            inside = np.all(
+                (places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]), axis=-1
+            )
+            blocked, _ = _room(
+                self.surfaces, self.footprint, heights, self.corner_m, self.spacing_m, rooms=(0.0,), scale=scale
+            )
+            parts = np.asarray(label(inside & (blocked != 0))[0]).ravel()
+            return bool(parts[ends[0]] == parts[ends[1]] > 0)
+
+        if not passes(1e-3):
+            return ""
+        for _ in range(GAPS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if passes(middle) else (low, middle)
+        width = self.footprint.width_m
+        if low * width < self.spacing_m:
+            return ""
+        return f"; the robot is {width:.2g} m wide, and the widest gap about {low * width:.2g} m"
+
+    def _graph(self, z: Array, worth: Array) -> Any:
+        """Ways between neighbouring nodes, by what they cost."""
+        index = np.arange(z.size).reshape(z.shape)
+        ones, others, costs = [], [], []
+        for step in STEPS:
+            here, there = _pair(z.shape, step)
+            rise = np.abs(z[there] - z[here])
+            flat = self.spacing_m * float(np.hypot(*step))
+            good = rise <= flat  # not steeper than 45 degrees
+            ones.append(index[here][good])
+            others.append(index[there][good])
+            cost = np.hypot(flat, rise) * 0.5 * (worth[here] + worth[there])
+            costs.append(cost[good])
+        shape = (z.size, z.size)
+        return coo_array((np.concatenate(costs), (np.concatenate(ones), np.concatenate(others))), shape=shape).tocsr()
+
+
+def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
+    """What a way costs by its length where there is so much room."""
+    for number, (_, factor) in enumerate(ROOMS):
+        if np.isfinite(factor):
+            worth = np.where(blocked == number, factor * worth, worth)
+    return {"worth": worth, "room": blocked}
+
+
+def _room(
+    surfaces: Sequence[Patch],
+    footprint: Footprint,
+    z: Array,
+    low: Array,
+    spacing: float,
+    rooms: Sequence[float] = _ROOMS_M,
+    scale: float = 1.0,
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """At every node the number of the first of ``rooms`` [m] that is not there, and which surface takes it, of several
+    the highest; −1 for none. z: height of the body, shape (n, m); scale: of the footprint."""
+    blocked, by = np.full(z.shape, -1), np.full(z.shape, -1)
+    if not np.isfinite(z).any():
+        return blocked, by
+    lowest, highest = float(np.nanmin(z)) + footprint.low_m, float(np.nanmax(z)) + footprint.high_m
+    spans = [(patch.vertices_m[:, 2].min(), patch.vertices_m[:, 2].max()) for patch in surfaces]
+    order = sorted(range(len(surfaces)), key=lambda i: spans[i][1] - spans[i][0])
+    near = [i for i in order if spans[i][1] > lowest and spans[i][0] < highest]
+    for number in reversed(range(len(rooms))):
+        hull = -footprint.grown(rooms[number], scale)
+        radius = float(np.linalg.norm(hull, axis=1).max())
+        for i in near:
+            window, within = _covered(surfaces[i], hull, low, spacing, z.shape)
+            body = z[window]
+            bottom, top = spans[i]
+            normal = surfaces[i].normal
+            if abs(normal[2]) > UPRIGHT:
+                steep = radius * float(np.hypot(*normal[:2]) / abs(normal[2]))
+                plane = _plane(surfaces[i], window, low, spacing)
+                bottom, top = np.maximum(plane - steep, bottom), np.minimum(plane + steep, top)
+            hit = within & (top > body + footprint.low_m) & (bottom < body + footprint.high_m)
+            blocked[window][hit], by[window][hit] = number, i
+    return blocked, by
+
+
+def _covered(
+    patch: Patch, hull: Array, low: Array, spacing: float, shape: tuple[int, ...]
+) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
+    """Which nodes of a window are in the sum of a surface, from above, and a hull."""
+    area = _hull((patch.vertices_m[:, None, :2] + hull).reshape(-1, 2))
+    first = np.clip(np.ceil((area.min(axis=0) - low) / spacing).astype(int), 0, shape)
+    last = np.clip(np.floor((area.max(axis=0) - low) / spacing).astype(int) + 1, first, shape)
+    window = (slice(first[0], last[0]), slice(first[1], last[1]))
+    xy = low + spacing * np.stack(
+        np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]), indexing="ij"), axis=-1
+    )
+    normals, offsets = half_planes(area)
+    return window, np.all(xy @ normals.T <= offsets, axis=-1)
+
+
+def _plane(patch: Patch, window: tuple[slice, slice], low: Array, spacing: float) -> Array:
+    """Heights of a surface's plane over a window of nodes [m]."""
+    axes = [np.arange(part.start, part.stop) for part in window]
+    xy = low + spacing * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return np.asarray(patch.centre_m[2] - (xy - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2])
+
+
+def _hull(points: Array) -> Array:
+    """Corners of the convex hull, shape (K, 2), counter-clockwise."""
+    return np.asarray(points[ConvexHull(points).vertices])
+
+
+def _nearest_on(polygon: Array, place: Array) -> Array:
+    """The point of a polygon's border that is nearest to a place, shape (2,)."""
+    ahead = np.roll(polygon, -1, axis=0) - polygon
+    share = np.clip(np.vecdot(place - polygon, ahead) / np.maximum(np.vecdot(ahead, ahead), 1e-12), 0.0, 1.0)
+    points = polygon + share[:, None] * ahead
+    return np.asarray(points[int(np.linalg.norm(points - place, axis=1).argmin())])
+
+
+def _rastered(patches: Sequence[Patch], low: Array, spacing: float, shape: Array) -> tuple[Array, Array]:
+    """The height of the highest and of the lowest of patches at every node, NaN where there is none, shape (n, m)
+    [m]."""
+    top, bottom = np.full(tuple(shape), -np.inf), np.full(tuple(shape), np.inf)
+    for patch in patches:
+        if patch.normal[2] < 1e-3:
+            continue
+        flat = patch.vertices_m[:, :2]
+        (i0, j0), (i1, j1) = (
+            np.floor((flat.min(axis=0) - low) / spacing),
+            np.ceil((flat.max(axis=0) - low) / spacing) + 1.0,
+        )
+        i, j = np.arange(int(i0), int(i1)), np.arange(int(j0), int(j1))
+        xy = low + spacing * np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1)
+        normals, offsets = half_planes(flat)
+        inside = np.all(xy @ normals.T <= offsets + 1e-9, axis=-1)
+        z = patch.centre_m[2] - (xy - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+        window = np.ix_(i, j)
+        top[window] = np.maximum(top[window], np.where(inside, z, -np.inf))
+        bottom[window] = np.minimum(bottom[window], np.where(inside, z, np.inf))
+    top, bottom = (np.where(np.isfinite(each), each, np.nan) for each in (top, bottom))
+    return top, bottom
+
+
+def _moved(values: Array, shift: NDArray[np.int_], beyond: float) -> Array:
+    """values at (i, j) + shift, and ``beyond`` where that is none."""
+    found = np.full(values.shape, beyond)
+    here, there = _pair(values.shape, (int(shift[0]), int(shift[1])))
+    found[here] = values[there]
+    return found
+
+
+def _pair(shape: tuple[int, ...], step: tuple[int, int]) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """Slices of nodes, and of those a step away."""
+    here = tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(step, shape, strict=True))
+    there = tuple(slice(max(0, s), n - max(0, -s)) for s, n in zip(step, shape, strict=True))
+    return here, there
+
+
+def _straightened(points: Array) -> Array:
+    """The way without points that are close to straight lines between the others (Douglas and Peucker)."""
+    if len(points) < 3:
+        return points
+    line = points[-1] - points[0]
+    about = points - points[0]
+    share = np.clip(about @ line / max(float(line @ line), 1e-12), 0.0, 1.0)
+    off = np.linalg.norm(about - share[:, None] * line, axis=1)
+    farthest = int(off.argmax())
+    if off[farthest] <= STRAIGHT_M:
+        return points[[0, -1]]
+    return np.concatenate([_straightened(points[: farthest + 1])[:-1], _straightened(points[farthest:])])

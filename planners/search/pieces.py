@@ -1,0 +1,216 @@
+"""Long courses in overlapping pieces: each is planned and judged from where the one before ends, and all together are
+one plan, which the verifier judges as a whole.
+
+A piece looks ``SHARED`` frames farther than it is kept, so that the next one begins where there is a way on; what it
+costs depends on its own frames alone. Where a piece fails, a shorter part of it is tried, then another way of the body
+round the place, from a few frames earlier, and the way from there once more, before the whole fails.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..answer.answer import Answer, Status
+from ..answer.plan import Plan
+from ..errors import InvalidInput, PlanningFailed
+from ..files.arrays import Array
+from ..problem import Problem
+from .plan_window import Standing, beginning, course_window, joined, spliced
+
+LOG = logging.getLogger(__name__)
+LONG = 40
+"""Courses of more key frames are planned in pieces."""
+PIECE, SHARED = 24, 8
+"""Key frames of a piece, and how many of them the next one plans anew."""
+LEAST = 6
+"""A part of a piece that is kept where all of it fails has so many frames at least."""
+DETOURS = 4
+"""Other ways of the body that are tried, all pieces together."""
+PATIENCE = 4.0
+"""A piece may take so many times its share of the time that is left."""
+
+PlanPiece = Callable[[Problem, "Array | None", float], Answer[Plan]]
+"""What plans a piece: its course, the joints of the robot that stands where it begins, and when to be done."""
+Detour = Callable[[Standing, "list[Array]"], Problem]
+"""What lays out the course on from where a robot stands, another way than by these places."""
+
+
+class Kept(Protocol):
+    """What keeps the plan of a course's beginning, so that an interrupted run can go on (``formats.partial_plan``)."""
+
+    def begun(self, course: Problem) -> Plan | None:
+        """The plan of the course's beginning that is kept."""
+        ...
+
+    def keep(self, plan: Plan) -> None:
+        """Keep the plan of a beginning."""
+        ...
+
+    def remove(self) -> None:
+        """Keep nothing any more."""
+        ...
+
+
+Progress = Callable[[int, int], object]
+"""What is told after every piece: key frames that are planned, and all."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pieces:
+    """course: as it was planned in the end, after detours. plan: of its beginning, or of all; None for nothing.
+    pieces: how many were planned. tried_m: nominal paths that were left, each from where the plan left it, shape (L, 3)
+    [m]. failed: the answer of the piece that had no plan, None where all have."""
+
+    course: Problem
+    plan: Plan | None
+    pieces: int
+    tried_m: tuple[Array, ...]
+    failed: Answer[Plan] | None
+
+
+def in_pieces(course: Problem) -> bool:
+    """Whether a course is planned in pieces."""
+    return course.frames > LONG and not course.has_soles and not course.uncarried
+
+
+def plan_pieces(
+    course: Problem,
+    piece: PlanPiece,
+    *,
+    detour: Detour | None = None,
+    kept: Kept | None = None,
+    progress: Progress | None = None,
+    deadline: float = math.inf,
+) -> Pieces:
+    """Plan a course piece by piece.
+
+    detour: None where there is no other way. kept: holds what was planned before, and what is planned after every
+    piece. deadline: when to be done (``time.perf_counter()``).
+    """
+    begun = None if kept is None else kept.begun(course)
+    cycle = _cycle(course)
+    keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
+    plans, count, avoid, tried = ([] if begun is None else [begun]), 0, list[Array](), list[Array]()
+    backed, shares = False, list[Mapping[str, Any]]([] if begun is None else [begun.provenance])
+
+    def add(part: Plan) -> None:
+        plans.append(part)
+        shares.append(part.provenance)
+        if kept is not None:
+            kept.keep(_said(joined(course, plans), shares))
+        if progress is not None:
+            progress(sum(plan.problem.frames - 1 for plan in plans), course.frames - 1)
+
+    while True:
+        at = sum(plan.problem.frames - 1 for plan in plans)
+        if plans and at >= course.frames - 1:
+            return Pieces(
+                course=course,
+                plan=_said(joined(course, plans), shares),
+                pieces=count,
+                tried_m=tuple(tried),
+                failed=None,
+            )
+        last = min(at + PIECE, course.frames - 1)
+        if course.frames - 1 - last < SHARED // 2:
+            last = course.frames - 1
+        answer = _one(course, at, last, plans, piece, deadline)
+        count += 1
+        accepted = answer.status is Status.FEASIBLE and answer.solution is not None
+        LOG.info("plan: piece %d, frames %d to %d of %d: %s", count, at, last, course.frames - 1, answer.status)
+        if accepted:
+            assert answer.solution is not None
+            part = answer.solution if last == course.frames - 1 else beginning(answer.solution, min(keep, last - at))
+            add(part)
+            backed = False
+            continue
+        late = time.perf_counter() > deadline
+        shorter = None if late else _shorter(answer, course, at, cycle, plans, piece, deadline)
+        if shorter is not None:
+            add(shorter)
+            continue
+        place = course.com_nominal_m[min(at + PIECE // 2, last)]
+        where = _failed_frame(answer)
+        if where is not None:
+            place = course.com_nominal_m[min(at + int(where), last)]
+        if late or detour is None or len(avoid) >= DETOURS or not plans:
+            if plans and not late and not backed and plans[-1].problem.frames - 1 > cycle:
+                plans[-1] = beginning(plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle))
+                backed = True
+                continue
+            plan = joined(course, plans) if plans else None
+            return Pieces(course=course, plan=plan, pieces=count, tried_m=tuple(tried), failed=answer)
+        avoid.append(np.asarray(place[:2]))
+        if plans[-1].problem.frames - 1 > cycle:  # room to turn off before
+            plans[-1] = beginning(plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle))
+        so_far = joined(course, plans)
+        try:
+            onward = detour(Standing.at_end(so_far), avoid)
+        except (InvalidInput, PlanningFailed) as error:
+            failed = replace(answer, message=f"{answer.message}; another way: {error}")
+            return Pieces(course=course, plan=so_far, pieces=count, tried_m=tuple(tried), failed=failed)
+        tried.append(course.com_nominal_m[so_far.problem.frames - 1 :])
+        course = spliced(course, so_far.problem.frames - 1, onward)
+        plans = [replace(so_far, problem=course_window(course, 0, so_far.problem.frames - 1))]
+
+
+def _said(plan: Plan, pieces: list[Mapping[str, Any]]) -> Plan:
+    """The plan, which says of all of it what holds of every piece: the largest share of the friction, and the least
+    push that stances bear."""
+    friction = [float(each["friction_share"]) for each in pieces if "friction_share" in each]
+    pushes = [float(each.get("push_share", 0.0)) for each in pieces]
+    said: dict[str, Any] = {"pieces": sum(int(each.get("pieces", 1)) for each in pieces)}
+    said |= {"friction_share": max(friction)} if friction and len(friction) == len(pieces) else {}
+    said |= {"push_share": min(pushes)} if pushes and min(pushes) > 0.0 else {}
+    torques = {each["torque_nm"] for each in pieces if "torque_nm" in each}
+    said |= {"torque_nm": min(torques)} if torques else {}
+    return replace(plan, provenance=said)
+
+
+def _one(course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float) -> Answer[Plan]:
+    """The answer of the piece from frame ``at`` to ``last``."""
+    state = Standing.at_end(plans[-1]) if plans else None
+    window = course_window(course, at, last, state)
+    now = time.perf_counter()
+    left = max(1.0, (course.frames - 1 - at) / (PIECE - SHARED))
+    until = deadline if math.isinf(deadline) else min(deadline, now + PATIENCE * (deadline - now) / left)
+    return piece(window, None if state is None else state.angles_rad, until)
+
+
+def _shorter(
+    answer: Answer[Plan], course: Problem, at: int, cycle: int, plans: list[Plan], piece: PlanPiece, deadline: float
+) -> Plan | None:
+    """An accepted plan of the first part of a piece that failed; None for none."""
+    length = _multiple(max(LEAST, 0.5 * (PIECE - SHARED)), cycle)
+    if answer.solution is None or at + length >= course.frames - 1:
+        return None
+    other = _one(course, at, at + length + _multiple(SHARED // 2, cycle), plans, piece, deadline)
+    if other.status is not Status.FEASIBLE or other.solution is None:
+        return None
+    return beginning(other.solution, length)
+
+
+def _failed_frame(answer: Answer[Plan]) -> float | None:
+    """The frame of a piece at which it is worst, where its report says so."""
+    if answer.report is None:
+        return None
+    frames = [float(group.when) for group in answer.report.groups if group.verdict == "violated" and group.when]
+    return frames[0] if frames else None
+
+
+def _cycle(course: Problem) -> int:
+    """After how many frames the same limbs lift again."""
+    lifts = course.lifts[1:]
+    return next((n for n in range(1, len(lifts)) if lifts[n:] == lifts[:-n]), 1)
+
+
+def _multiple(frames: float, cycle: int) -> int:
+    """The whole number of cycles next to so many frames, one at least."""
+    return max(1, round(frames / cycle)) * cycle

@@ -1,0 +1,184 @@
+"""Guide paths against ways that are known in closed form, and what they say where there is none."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.problem.candidates import NoPlace
+from stancekit.planners.problem.guide_path import LATTICE_M, Footprint, guide_over, guide_path
+from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.terrain import Terrain
+
+HALF_M, HEIGHT_M, REACH_M = 0.3, 0.2, 0.5
+TOES_M = np.array([[x, y, -HEIGHT_M] for x in (-HALF_M, HALF_M) for y in (-HALF_M, HALF_M)])
+SQUARE_M = HALF_M * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+
+
+def footprint() -> Footprint:
+    """A square robot, 0.6 m wide."""
+    return Footprint(
+        toes_m=TOES_M, hull_m=SQUARE_M, low_m=-0.4 * HEIGHT_M, high_m=0.1, names=("LR", "RR", "LF", "RF"),
+        reach_m=REACH_M,
+    )  # fmt: skip
+
+
+def patch(corners, normal, shear) -> Patch:
+    """A surface of corners."""
+    return Patch(vertices_m=np.array(corners, dtype=float), normal=normal, shear_reference=shear, friction=0.7)
+
+
+def floor(x0, x1, y0, y1, z=0.0) -> Patch:
+    """A level surface that faces up."""
+    return patch([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], (0, 0, 1), (1, 0, 0))
+
+
+def box(x0, x1, y0, y1, z0, z1) -> list[Patch]:
+    """The five surfaces of a box that are not its underside, and that where it is above the ground."""
+    made = [
+        floor(x0, x1, y0, y1, z1),
+        patch([(x0, y0, z0), (x0, y0, z1), (x0, y1, z1), (x0, y1, z0)], (-1, 0, 0), (0, 0, 1)),
+        patch([(x1, y0, z0), (x1, y1, z0), (x1, y1, z1), (x1, y0, z1)], (1, 0, 0), (0, 0, 1)),
+        patch([(x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1)], (0, -1, 0), (0, 0, 1)),
+        patch([(x0, y1, z0), (x0, y1, z1), (x1, y1, z1), (x1, y1, z0)], (0, 1, 0), (0, 0, 1)),
+    ]
+    if z0 > 0.0:
+        made.append(patch([(x0, y0, z0), (x0, y1, z0), (x1, y1, z0), (x1, y0, z0)], (0, 0, -1), (1, 0, 0)))
+    return made
+
+
+def over(floors, *boxes) -> Terrain:
+    """Floors, on which toes may stand, and boxes, on which none may."""
+    solids = [each for one in boxes for each in box(*one)]
+    return Terrain(patches=(*floors, *solids), footing=(*(True for _ in floors), *(False for _ in solids)))
+
+
+def path(terrain, start, goal, avoid=()):
+    """The guide path of the square robot."""
+    return guide_path(terrain, footprint(), np.array([start, goal], dtype=float), avoid)
+
+
+LEVEL = floor(-1, 5, -2.5, 2.5)
+
+
+def test_nothing_in_the_way_is_a_straight_line():
+    found = path(over([LEVEL]), (0, 0.3), (4, -0.2))
+    assert len(found.points_m) == 2
+    assert found.length_m == pytest.approx(math.hypot(4.0, 0.5))
+    np.testing.assert_allclose(found.points_m[:, 2], HEIGHT_M)
+
+
+def test_the_way_round_a_block_is_no_shorter_than_the_taut_one_and_not_much_longer():
+    block = (1.8, 2.2, -0.8, 0.8, 0.0, 1.0)
+    found = path(over([LEVEL], block), (0, 0), (4, 0))
+
+    def taut(room):  # round the block grown by the square robot and so much room
+        x, y = 1.8 - HALF_M - room, 0.8 + HALF_M + room
+        return 2.0 * math.hypot(x, y) + (2.2 + HALF_M + room - x)
+
+    assert taut(-LATTICE_M) <= found.length_m <= 1.05 * taut(0.18)  # its widest margin is 0.18 m
+    for a, b in pairwise(found.points_m[:, :2]):
+        for share in np.linspace(0.0, 1.0, 50):
+            x, y = a + share * (b - a)
+            assert not (1.8 - HALF_M < x < 2.2 + HALF_M and abs(y) < 0.8 + HALF_M)
+
+
+@pytest.mark.parametrize("gap", [0.3, 0.5])
+def test_a_gap_that_is_narrower_than_the_robot_is_named_with_its_place_and_width(gap):
+    left, right = (1.9, 2.1, -2.5, -0.5 * gap, 0.0, 1.2), (1.9, 2.1, 0.5 * gap, 2.5, 0.0, 1.2)
+    with pytest.raises(PlanningFailed, match=r"no way from \(0, 0\) to \(4, 0\): wall at \(1.9, ") as refused:
+        path(over([LEVEL], left, right), (0, 0), (4, 0))
+    message = str(refused.value)
+    assert "1.2 m high: no way round within" in message
+    width, widest = (float(part.split(" m")[0]) for part in message.split("the robot is ")[1].split("about "))
+    assert width == pytest.approx(0.6, abs=0.01)
+    assert widest == pytest.approx(gap, abs=2 * LATTICE_M)
+
+
+def test_a_gap_that_is_wider_than_the_robot_is_gone_through():
+    left, right = (1.9, 2.1, -2.5, 0.55, 0.0, 1.2), (1.9, 2.1, 1.45, 2.5, 0.0, 1.2)
+    found = path(over([LEVEL], left, right), (0, 0), (4, 0))
+    at = np.interp(2.0, found.points_m[:, 0], found.points_m[:, 1])
+    assert 0.55 + HALF_M - LATTICE_M <= at <= 1.45 - HALF_M + LATTICE_M
+
+
+def test_bars_are_gone_under_where_they_are_high_and_walls_where_they_are_low():
+    high = path(over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.6, 0.7)), (0, 0), (4, 0))
+    assert high.length_m == pytest.approx(4.0)
+    with pytest.raises(PlanningFailed, match=r"bar at \(1.9, .*0.2 to 0.3 m above the ground"):
+        path(over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.2, 0.3)), (0, 0), (4, 0))
+
+
+@pytest.mark.parametrize(("start", "goal", "name"), [((2, 0), (4, 0), "start"), ((0, 0), (2, 0), "goal")])
+def test_a_start_or_goal_in_a_solid_is_refused_with_how_far_it_is_to_the_nearest_place(start, goal, name):
+    wanted = rf"{name}: expected a place outside of solids, got \(2, 0\) in the solid that is 1 m high"
+    with pytest.raises(NoPlace, match=wanted) as refused:
+        path(over([LEVEL], (1.8, 2.2, -0.8, 0.8, 0.0, 1.0)), start, goal)
+    away = float(str(refused.value).split("nearest place to stand is ")[1].split(" m")[0])
+    assert away == pytest.approx(0.2 + HALF_M, abs=2 * LATTICE_M)
+
+
+def test_a_goal_off_the_terrain_says_how_far_it_is():
+    with pytest.raises(NoPlace, match=r"goal: expected a place on the terrain, got \(7, 0\), 2 m beyond its border"):
+        path(over([LEVEL]), (0, 0), (7, 0))
+
+
+def test_a_goal_at_the_start_is_refused():
+    with pytest.raises(InvalidInput, match=r"goal: expected a place .* or more from the start, got 0 m"):
+        path(over([LEVEL]), (1, 1), (1, 1))
+
+
+def test_a_trench_that_no_toe_crosses_is_named():
+    banks = [floor(-1, 1.5, -2.5, 2.5), floor(3.0, 5, -2.5, 2.5)]
+    with pytest.raises(PlanningFailed, match=r"hole or border: no footholds within .* m of \((1|2)\.\d+, "):
+        path(over(banks), (0, 0), (4, 0))
+
+
+def test_a_bridge_over_the_trench_is_taken():
+    banks = [floor(-1, 1.5, -2.5, 2.5), floor(3.0, 5, -2.5, 2.5), floor(1.5, 3.0, 0.8, 2.5)]
+    found = path(over(banks), (0, 0), (4, 0))
+    middle = np.interp(2.25, found.points_m[:, 0], found.points_m[:, 1])
+    assert middle > 0.8 + HALF_M - 0.35 * REACH_M - LATTICE_M
+
+
+def test_another_way_is_taken_round_a_place_to_avoid():
+    block = (1.8, 2.2, -0.8, 0.9, 0.0, 1.0)
+    first = path(over([LEVEL], block), (0, 0), (4, 0))
+    side = np.interp(2.0, first.points_m[:, 0], first.points_m[:, 1])
+    other = path(over([LEVEL], block), (0, 0), (4, 0), [np.array([2.0, side])])
+    assert np.sign(np.interp(2.0, other.points_m[:, 0], other.points_m[:, 1])) == -np.sign(side)
+
+
+def test_the_same_question_has_the_same_answer():
+    block = (1.8, 2.2, -0.8, 0.8, 0.0, 1.0)
+    one, other = (path(over([LEVEL], block), (0, 0), (4, 0)) for _ in range(2))
+    np.testing.assert_array_equal(one.points_m, other.points_m)
+
+
+def heights(block: float) -> HeightField:
+    """A floor with a block across most of it, so high."""
+    x, y = np.linspace(-1.0, 5.0, 121), np.linspace(-2.5, 2.5, 101)
+    inside = (np.abs(x - 2.0) < 0.2)[:, None] & (np.abs(y) < 0.8)[None]
+    return HeightField(x_m=x, y_m=y, heights_m=np.where(inside, block, 0.0))
+
+
+def test_walks_go_round_what_is_high_in_heights_and_straight_where_nothing_is():
+    ends = np.array([[0.0, 0.0], [4.0, 0.0]])
+    found, straight = guide_over(heights(1.0), footprint(), ends, 0.7)
+    x, y = 1.8 - HALF_M, 0.8 + HALF_M
+    taut = 2.0 * math.hypot(x, y) + 0.4 + 2.0 * HALF_M
+    assert not straight
+    assert 0.95 * taut <= found.length_m <= 1.2 * taut
+    found, straight = guide_over(heights(0.0), footprint(), ends, 0.7)
+    assert straight
+    assert found.length_m == pytest.approx(4.0)
+
+
+def test_walks_are_refused_at_a_wall_across_heights():
+    x, y = np.linspace(-1.0, 5.0, 121), np.linspace(-1.0, 1.0, 41)
+    wall = HeightField(x_m=x, y_m=y, heights_m=np.where(np.abs(x - 2.0) < 0.2, 1.0, 0.0)[:, None] + 0.0 * y)
+    with pytest.raises(PlanningFailed, match=r"no way from \(0, 0\) to \(4, 0\): wall at \("):
+        guide_over(wall, footprint(), np.array([[0.0, 0.0], [4.0, 0.0]]), 0.7)
