@@ -191,7 +191,7 @@ def test_every_key_of_every_file_has_a_meaning_and_every_model_is_in_the_referen
     assert len(keys.forbidding()) > 40
     assert list(keys.missing()) == []
     page = keys.page()
-    assert "| **`frames`** | integer ≥ 1, ≤ 200 |  | number of key frames M |" in page
+    assert "| **`frames`** | integer ≥ 1, ≤ 1000 |  | number of key frames M |" in page
     assert "| `friction` | number ≥ 0, ≤ 10 | `1.0` | Coulomb's μ, 0 is ice |" in page
 
 
