@@ -106,8 +106,9 @@ def joined_walks(task: Walk, walks: Sequence[Trajectory]) -> Trajectory:
             parts.setdefault(name, []).append(getattr(walk, name)[own])
         clock += walk.samples - (number > 0)
     whole: dict[str, Any] = {name: np.concatenate(each) for name, each in parts.items()}
+    times_s = np.asarray(step_s * np.arange(int(clock)), dtype=np.float64)
     return replace(
-        first, **whole, times_s=np.asarray(step_s * np.arange(int(clock)), dtype=np.float64), goal_xy_m=task.goal_xy_m, heading_end_rad=task.end_yaw_rad,
+        first, **whole, times_s=times_s, goal_xy_m=task.goal_xy_m, heading_end_rad=task.end_yaw_rad,
         provenance={**first.provenance, "pieces": float(len(walks))},
     )  # fmt: skip
 
