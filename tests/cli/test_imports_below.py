@@ -35,6 +35,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "bench_leaps": {TOOL: ("learners.evaluation",)},
     "bench_planner": {TOOL: ("learners.evaluation", "learners.evaluation.planner_bench")},
+    "bench_room": {TOOL: ("learners.evaluation", "learners.evaluation.room")},
     "bench_scenes": {
         TOOL: ("learners.evaluation", "planners.formats.plan_file"), DRAWS: ("views.plans", "views.sheet"),
     },
@@ -60,8 +61,8 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
                 "views.video"),
     },
     "leap_plan": {
-        CHOICES: ("planners.answer.answer", "planners.leap.finder"),
-        LATER: ("planners.formats.leap_file", "planners.verify"),
+        CHOICES: ("planners.answer.answer", "planners.leap.finder", "planners.leap.rule"),
+        LATER: ("learners.leaps.scorer", "planners.formats.leap_file", "planners.verify"),
         DRAWS: ("views.leaps", "views.page", "views.sheet", "views.video"),
     },
     "main": {TOOL: ("planners.plugins",)},
