@@ -18,7 +18,7 @@ import numpy as np
 
 from ...answer.report import Report
 from ...answer.trajectory import Trajectory
-from ...errors import PlanningFailed
+from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array
 from ...problem.guide_path import Footprint, GuidePath, guide_over
 from ...problem.walk import Walk
@@ -50,16 +50,25 @@ PATIENCE = 4.0
 
 
 def guided(task: Walk) -> GuidePath | None:
-    """The guide path of a walk that is planned in pieces: one that is long, or whose straight way is barred; else None.
+    """The guide path of a walk that is planned in pieces: one that is long, or whose straight way is barred; else None,
+    also for a short walk without such a path, which may be walked all the same: nothing is proved by its absence.
 
-    Raises InvalidInput for a start or goal that the robot cannot stand at, and PlanningFailed where there is no way.
+    Raises InvalidInput for a long walk whose start or goal the robot cannot stand at, and PlanningFailed where a long
+    one has no way.
     """
     length = float(np.linalg.norm(task.goal_xy_m - task.start_xy_m))
     turns = task.yaws()[0] != task.yaws()[1]
     if any(task.adhesive) or turns or (length < FAR_M and steepest(task.terrain) < WALL):
         return None
     footprint = Footprint.of_walker(task.robot, task.start_yaw_rad)
-    path, straight = guide_over(task.terrain, footprint, np.array([task.start_xy_m, task.goal_xy_m]), task.friction)
+    ends = np.array([task.start_xy_m, task.goal_xy_m])
+    try:
+        path, straight = guide_over(task.terrain, footprint, ends, task.friction)
+    except (InvalidInput, PlanningFailed) as error:
+        if length >= FAR_M:
+            raise
+        LOG.info("walk: no guide path: %s", error)
+        return None
     return None if straight and length < FAR_M else path
 
 
