@@ -200,13 +200,13 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         return self._episode.numbers
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the leap of the last try, or where the toes may go before there is one."""
+        """Draw the leap of the last try; on its toes the nominal motion where it has none, and before there is one."""
         if self._episode is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
         from stancekit.views.leaps import draw_leap
-        from stancekit.views.sheet import to_rgb
+        from stancekit.views.sheet import SIZE_PX, to_rgb
 
-        return to_rgb(draw_leap(self._episode.drawn()))
+        return to_rgb(draw_leap(self._episode.drawn(), size_px=SIZE_PX))
 
 
 class _Episode:
@@ -301,8 +301,9 @@ class _Episode:
             (numbers, point), choice = self._last, self._choice
             toes = point.toes
         else:
-            numbers, choice = self.numbers, np.zeros(self.shape[0], dtype=np.int64)
-            point = numbers.nominal
+            numbers, point = self.numbers, self.numbers.nominal
+            choice = np.zeros(self.shape[0], dtype=np.int64) if self._choice is None else self._choice
+            choice = np.where(self.seen.mask[np.arange(len(choice)), choice] > 0.0, choice, 0)
             toes = np.array([piece.mean(axis=0) for piece in numbers.scaled.chosen(choice).pieces])
         forces = np.zeros((numbers.intervals, len(numbers.leap.robot.limbs), 3))
         forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * numbers.leap.weight_n

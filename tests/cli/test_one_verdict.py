@@ -52,7 +52,7 @@ def test_a_walk_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
     assert message["message"] == python.message == written.message
     assert message["digest"] == python.digest == written.digest == read_trajectory(path).verdict["digest"]
     assert sorted(message["checked"] + message["not_checked"]) == sorted(GROUPS)
-    assert stancekit("verify", path).out == f"{path}: {written.message}\n"
+    assert stancekit("verify", path).out.splitlines()[0] == f"{path}: {written.message}"
 
 
 def test_a_walk_of_which_something_is_not_checked_says_so_and_is_not_run(stancekit, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.robot.urdf import BODY_HEIGHT_M
+from stancekit.planners.robot.drawn_legs import BODY_HEIGHT_M
 
 
 def plate(x: float, height: float, half: float = 0.01) -> Patch:
