@@ -28,8 +28,8 @@ class BenchRoom:
 
     One line per budget, one try and so many convex problems: random choices, the best unlearned control, the best
     learned scores where files of them are given, and the oracle, which is the union of all methods at a larger budget.
-    The oracle with another seed stands beside it: where both agree, room is no luck. Rows are kept in a folder, and a run
-    that is stopped goes on. Intervals are of 95 %; the gain of learned scores is paired over the scenes.
+    The oracle with another seed stands beside it: where both agree, room is no luck. Rows are kept in a folder, and a
+    run that is stopped goes on. Intervals are of 95 %; the gain of learned scores is paired over the scenes.
     """
 
     scorer: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
