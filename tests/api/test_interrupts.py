@@ -13,7 +13,7 @@ from stancekit.planners.interrupts import interruptible
 
 def test_a_walk_that_is_interrupted_ends_at_the_next_iteration(monkeypatch):
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    before, plan_gait, iterations = signal.getsignal(signal.SIGINT), walks.plan_gait, []
+    before, plan_walk, iterations = signal.getsignal(signal.SIGINT), walks.plan_walk, []
 
     def struck(task, *, progress, **options):
         def at(*where):
@@ -22,9 +22,9 @@ def test_a_walk_that_is_interrupted_ends_at_the_next_iteration(monkeypatch):
             iterations.append(where)
             return progress(*where)
 
-        return plan_gait(task, progress=at, **options)
+        return plan_walk(task, progress=at, **options)
 
-    monkeypatch.setattr(walks, "plan_gait", struck)
+    monkeypatch.setattr(walks, "plan_walk", struck)
     with pytest.raises(KeyboardInterrupt):
         stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled")
     assert len(iterations) < 5
