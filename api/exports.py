@@ -80,7 +80,8 @@ def export(
 ) -> Exported | ExportedMotions:
     """Write a motion in the format of another program, many of them over drawn terrain, or labelled rows.
 
-    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body, with names.
+    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body, with names. A file is
+    judged before it is exported; a plan, a walk or a leap that is handed over as a value is taken as it is.
 
     Arguments:
         subject: a plan, a walk or a leap, or the file of one; a family's level as "rough:0.1" with ``count``; or a
@@ -97,7 +98,7 @@ def export(
     Returns:
         ``ExportedMotions``, or ``Exported`` for a data set.
     Raises:
-        InvalidInput: for a file that the verifier did not accept, a format of joints where they are not known, a
+        InvalidInput: for a file that the verifier does not accept, a format of joints where they are not known, a
             package that is not installed, and where nothing can be written.
     Source:
         docs/exports.md names the source of each format.
@@ -140,14 +141,16 @@ def export(
 
 
 def read_accepted(path: Path) -> Subject:
-    """The plan, walk or leap of a file that says that the verifier accepted it. Raises InvalidInput."""
+    """The plan, walk or leap of a file, if the verifier accepts it now, whatever the file says. Raises InvalidInput."""
     from stancekit.planners.formats import leap_file, plan_file, trajectory_file
     from stancekit.planners.verify.leaps import check_leap
+    from stancekit.planners.verify.trajectories import check_trajectory
+    from stancekit.runner.acceptance import judged
 
     if plan_file.is_plan_file(path):
-        plan, header = plan_file.read_plan(path)
-        if not (header["verified"] and header["verdict"]["accepted"]):
-            raise InvalidInput(f"{path}: expected a plan that the verifier accepted, this one it rejected")
+        plan = plan_file.read_plan(path)[0]
+        if not (report := judged(plan)).accepted:
+            raise InvalidInput(f"{path}: expected a plan that the verifier accepts, it says: {report.message}")
         return plan
     if leap_file.is_leap_file(path):
         leap = leap_file.read_leap(path).plan
@@ -155,10 +158,10 @@ def read_accepted(path: Path) -> Subject:
             raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")
         return leap
     if trajectory_file.is_trajectory(read_json(path)):
-        record = trajectory_file.read_trajectory(path)
-        if not record.verified:
-            raise InvalidInput(f"{path}: expected a gait that the verifier accepted, this one it rejected")
-        return record.trajectory
+        trajectory = trajectory_file.read_trajectory(path).trajectory
+        if not (verdict := check_trajectory(trajectory)).accepted:
+            raise InvalidInput(f"{path}: expected a gait that the verifier accepts, it says: {verdict.message}")
+        return trajectory
     raise InvalidInput(f"{path}: expected a plan, a walk, a leap, or the folder of a data set")
 
 

@@ -51,7 +51,7 @@ class Accepted:
         """Verify a plan now. Raises InvalidInput for one that is rejected."""
         if plan.problem.is_posture:
             raise InvalidInput(f"{source}: expected the plan of a course, got that of a posture problem")
-        report = _judged(plan)
+        report = judged(plan)
         if not report.accepted:
             raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")
         _check_hindrance(report, source)
@@ -120,7 +120,7 @@ def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:
         raise InvalidInput(f"{source}: expected a {what} that can be executed, this one cannot: {report.hindrance}")
 
 
-def _judged(plan: Plan) -> Report[Plan]:
+def judged(plan: Plan) -> Report[Plan]:
     """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs of its own."""
     return check_plan(plan, joints=plan.joints_rad is not None or plan.problem.robot.source.own)
 

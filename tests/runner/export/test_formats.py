@@ -221,3 +221,14 @@ def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> Non
     assert stands == [(put.limb, put.frame) for put in plan.problem.footholds]
     np.testing.assert_array_equal(held["toes_m"], plan.toes_m)
     assert len(held["forces_n"]) == len(plan.problem.stances)
+
+
+def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(plan: Plan, tmp_path: Path) -> None:
+    from stancekit.planners.formats.plan_file import write_plan
+    from stancekit.planners.verify import check_plan
+
+    forged = replace(plan, forces_n=0.5 * plan.forces_n)
+    write_plan(tmp_path / "forged.json", forged, replace(check_plan(forged), groups=check_plan(plan).groups))
+    with pytest.raises(InvalidInput, match="expected a plan that the verifier accepts, it says: rejected"):
+        stancekit.export(tmp_path / "forged.json", tmp_path / "forged.csv")
+    assert not (tmp_path / "forged.csv").exists()
