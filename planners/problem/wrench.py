@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross, read_only
+from ..files.validation import shown
 
 MOST_WEIGHTS = 100.0
 """No posture bears a force of so many times the weight, nor such a moment at an arm of the length scale."""
@@ -51,7 +52,7 @@ def wrench_of(value: ArrayLike) -> Array:
     if size not in ((3,), (6,)) or isinstance(value, str):
         raise InvalidInput(
             f"wrench: expected 3 numbers, a force [N], or 6, a force and a moment about the centre of mass [Nm], "
-            f"got {value!r:.80}"
+            f"got {shown(value)}"
         )
     found = read_only(value, size, "wrench")
     return np.concatenate([found, np.zeros(6 - len(found))])

@@ -49,6 +49,8 @@ ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
 PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the whole can be judged."""
+AT_ONCE = 200
+"""A course of more key frames is not tried as a whole where its pieces have failed."""
 UNPROVED = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
 NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
 
@@ -110,25 +112,29 @@ def plan_course(
         if push_n > course.push_n:
             course = replace(course, push_n=push_n)
         check_push(course, planner)
+        so_far: Answer[Plan] | None = None
         if limits is not None and in_pieces(course) and start_rad is None:
             detour = _detour(question, alternative, push_n)
             pieces = plan_pieces(
                 course, piece, detour=detour, kept=kept, progress=progress, deadline=_search_end(end, PIECES)
             )
-            if pieces.plan is not None or time.perf_counter() > end:
-                answer = _whole(pieces, planner.name, end)
-                if kept is not None and answer.status is Status.FEASIBLE:
-                    kept.remove()
-                return answer
+            so_far = _whole(pieces, planner.name, end)
+            if kept is not None and so_far.status is Status.FEASIBLE:
+                kept.remove()
+            if pieces.failed is None or course.frames > AT_ONCE or time.perf_counter() > end:
+                return so_far
+            if pieces.plan is None:
+                so_far = None  # which says no more than the whole does
         search_end = end if limits is None else _search_end(end)
         outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
         if outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer":
             outcome = _refuted(outcome, question, planner, shares[-1], end)
-        if limits is None or outcome.solution is None:
-            return outcome
-        from .whole_body_outcome import with_whole_body  # slow to import
+        if limits is not None and outcome.solution is not None:
+            from .whole_body_outcome import with_whole_body  # slow to import
 
-        return with_whole_body(outcome, limits, start_rad, deadline=end)
+            outcome = with_whole_body(outcome, limits, start_rad, deadline=end)
+        undecided = outcome.status not in (Status.FEASIBLE, Status.INFEASIBLE)
+        return so_far if so_far is not None and undecided else outcome
 
     if not callable(question):
         return answered(question, deadline)

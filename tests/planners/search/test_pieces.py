@@ -186,3 +186,12 @@ def test_a_long_course_of_the_library_is_planned_in_pieces_and_leaves_nothing_be
     assert told[-1] == (pieces.LONG + 1, pieces.LONG + 1)
     assert not kept.exists()
     assert math.isfinite(answer.solution.provenance["friction_share"])
+
+
+def test_what_no_plan_can_carry_at_a_late_frame_is_still_proved():
+    course = read_course("stairs", frames=60)
+    wrench = np.zeros((course.frames, 6))
+    wrench[45:, 0] = 90.0  # N, more than any stance holds
+    answer = stancekit.plan(replace(course, wrench=wrench))
+    assert answer.status is Status.INFEASIBLE
+    assert stancekit.verify(answer.certificate).accepted
