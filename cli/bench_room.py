@@ -26,14 +26,14 @@ QUICK = 40
 class BenchRoom:
     """How much room for learning LeapChoice-v0 leaves: what any method finds, less what the best unlearned one finds.
 
-    One line per budget, one try and so many convex problems: random choices, the best unlearned control, the best
+    One line per budget, one try and so many convex problems: random choices, the best unlearned control, the
     learned scores where files of them are given, and the oracle, which is the union of all methods at a larger budget.
     The oracle with another seed stands beside it: where both agree, room is no luck. Rows are kept in a folder, and a
     run that is stopped goes on. Intervals are of 95 %; the gain of learned scores is paired over the scenes.
     """
 
     scorer: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
-    """Files of `stancekit fit` from labelled tries of leaps."""
+    """Files of `stancekit fit` from labelled tries of leaps; of several, as of training seeds, the mean is taken."""
     distribution: str = "leap-hard"
     """Class of leaps."""
     scenes: int = 300

@@ -25,7 +25,8 @@ class Room:
     """One environment at one budget; shares of all scenes, with the ends of their 95 % intervals.
 
     control: the best unlearned method within the budget, whose name is ``controlled_by``; random: choices at random;
-    learned: the best learned method, None without one; gain: learned − control in points, paired over the scenes;
+    learned: the mean of the learned methods, as of one with several training seeds, None without any; gain: learned −
+    control in points, paired over the scenes;
     oracle: the union of all methods at ``oracle_budget``; again: the same with other seeds. room: oracle − control,
     in points.
     """
@@ -68,7 +69,8 @@ def leap_room(
     anywhere = {method: np.array([bool(own[k]["found"]) for k in scenes]) for method, own in found.items()}
     fair = [method for method in within if method in FINDERS]
     control = max(fair, key=lambda method: int(within[method].sum()))
-    learned = max((m for m in within if m not in UNLEARNED), key=lambda m: int(within[m].sum()), default=None)
+    learned = [method for method in within if method not in UNLEARNED]
+    mean = np.mean([within[method] for method in learned], axis=0) if learned else None
     drawn = {name for name, _ in AGAIN.values()}
     oracle = np.any([own for method, own in anywhere.items() if method not in drawn], axis=0)
     again = None
@@ -82,9 +84,9 @@ def leap_room(
         random=_share(within["random"]) if "random" in within else None,
         control=_share(within[control]),
         controlled_by=control,
-        learned=None if learned is None else _share(within[learned]),
-        learned_by=learned or "",
-        gain=None if learned is None else paired(within[learned], within[control]),
+        learned=None if mean is None else _mean(mean),
+        learned_by=", ".join(learned),
+        gain=None if mean is None else paired(mean, within[control]),
         oracle=_share(oracle),
         again=None if again is None else _share(again),
         room=100.0 * float(oracle.mean() - within[control].mean()),
@@ -102,6 +104,14 @@ def paired(one: Any, other: Any, seed: int = 0) -> Share:
 def _within(row: Mapping[str, Any], tries: int | None, solves: int | None) -> bool:
     spent = (tries is None or row["tries"] <= tries) and (solves is None or row["solves"] <= solves)
     return bool(row["found"]) and spent
+
+
+def _mean(found: Any) -> Share:
+    """The mean over methods and scenes, with the ends of its interval; found: shares of the methods, by scene."""
+    if set(np.unique(found)) <= {0.0, 1.0}:
+        return _share(found)
+    middle, low, high = paired(found, np.zeros(len(found)))
+    return 0.01 * middle, 0.01 * low, 0.01 * high
 
 
 def _share(found: Any) -> Share:
