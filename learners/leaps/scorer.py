@@ -126,7 +126,7 @@ class LeapScorer:
         header, tensors = read_tensors(path, FORMAT)
         try:
             kind, sizes = header["kind"], [int(header[name]) for name in ("width", "layers", "heads")]
-            if kind not in KINDS or not all(1 <= size <= 1024 for size in sizes):
+            if kind not in KINDS or not all(1 <= size <= 1024 for size in sizes) or sizes[0] % sizes[2]:
                 raise ValueError
         except (KeyError, TypeError, ValueError):
             raise InvalidInput(

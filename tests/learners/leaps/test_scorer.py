@@ -7,8 +7,10 @@ import pytest
 import torch
 
 import stancekit
+from stancekit.learners.leaps.kinds import FORMAT
 from stancekit.learners.leaps.scorer import LeapScorer, ScoreNetwork, with_caps
 from stancekit.learners.leaps.training import _LEAP_SIGNS, _SIGNS, ScorerSettings, _fit_scales, _loss, _Tries
+from stancekit.learners.selectors.tensors import write_tensors
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.features import OF_CANDIDATE, LeapFeatures
 from stancekit.planners.leap.finder import LeapFinder
@@ -134,3 +136,22 @@ def test_bad_input_is_refused_in_one_line(tries, tmp_path):
     with pytest.raises(InvalidInput, match="expected tries that are solved and others"):
         stancekit.fit(few, "additive")
     assert ScorerSettings().epochs > 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "line"),
+    [
+        ({"heads": 3}, "with its sizes"),
+        ({"kind": "deep"}, "with its sizes"),
+        ({"width": 10**9}, "with its sizes"),
+        ({"layers": "two"}, "with its sizes"),
+        ({"width": 32}, "tensor"),
+    ],
+)
+def test_forged_files_are_refused_in_one_line(changed, line, tmp_path):
+    network = ScoreNetwork("set")
+    sizes = {"kind": "set", "width": 64, "layers": 2, "heads": 4, "origin": {}, **changed}
+    write_tensors(tmp_path / "forged.safetensors", FORMAT, sizes, network.state_dict())
+    with pytest.raises(InvalidInput, match=line) as caught:
+        stancekit.load(tmp_path / "forged.safetensors")
+    assert "\n" not in str(caught.value)
