@@ -117,8 +117,8 @@ def _check_motion(path: Path, robot: str | Path | None, course: str | None, terr
     from stancekit.planners.formats.motion_file import read_motion
     from stancekit.planners.physics import GRAVITY_M_S2
     from stancekit.planners.verify.motions import check_motion
-    from stancekit.runner.export.formats import scene_of
     from stancekit.runner.export.mjcf import read_keys
+    from stancekit.runner.export.moved import scene_of
 
     if (terrain is None) == (course is None):
         given = "neither" if terrain is None else "both"

@@ -21,7 +21,8 @@ from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_json, read_text
 from stancekit.planners.files.writing import check_writable, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
-from stancekit.runner.export.formats import FORMATS, Subject, beside, moved_of
+from stancekit.runner.export.formats import FORMATS, beside, moved_of
+from stancekit.runner.export.moved import Subject
 from stancekit.runner.motion.time_parametrization import RATE_HZ
 
 from .walks import walk
@@ -80,8 +81,8 @@ def export(
 ) -> Exported | ExportedMotions:
     """Write a motion in the format of another program, many of them over drawn terrain, or labelled rows.
 
-    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body, with names. A file is
-    judged before it is exported; a plan, a walk or a leap that is handed over as a value is taken as it is.
+    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body, with names. A plan, a
+    walk or a leap is judged before it is exported, a value as well as a file, whatever either says of itself.
 
     Arguments:
         subject: a plan, a walk or a leap, or the file of one; a family's level as "rough:0.1" with ``count``; or a
@@ -98,8 +99,8 @@ def export(
     Returns:
         ``ExportedMotions``, or ``Exported`` for a data set.
     Raises:
-        InvalidInput: for a file that the verifier does not accept, a format of joints where they are not known, a
-            package that is not installed, and where nothing can be written.
+        InvalidInput: for what the verifier does not accept, a format of joints where they are not known, a package
+            that is not installed, and where nothing can be written.
     Source:
         docs/exports.md names the source of each format.
     Example:
@@ -123,16 +124,19 @@ def export(
         assert not isinstance(subject, Plan | LeapPlan | Trajectory)
         return _rows(subject, path, to or MINARI, room, progress)
     assert not isinstance(subject, Dataset)
-    motion = subject if isinstance(subject, Plan | LeapPlan | Trajectory) else read_accepted(Path(subject))
     source = _called(subject)
     chosen = _format(to, path)
     if path is None:
         if not isinstance(subject, str | Path):
-            raise InvalidInput(f"out: expected a file for {_called(subject)}, got none")
+            raise InvalidInput(f"out: expected a file for {source}, got none")
         path = beside(Path(subject), chosen)
     if path.suffix not in FORMATS[chosen].suffixes:
         raise InvalidInput(f"out: expected a name that ends in {' or '.join(FORMATS[chosen].suffixes)}, got {path}")
     check_writable(path)
+    if isinstance(subject, str | Path):
+        motion = read_accepted(Path(subject))
+    else:
+        check_accepted(motion := subject, source)
     moved = moved_of(motion, chosen, rate_hz, source)
     FORMATS[chosen].write(moved, path)
     if progress is not None:
@@ -143,26 +147,44 @@ def export(
 def read_accepted(path: Path) -> Subject:
     """The plan, walk or leap of a file, if the verifier accepts it now, whatever the file says. Raises InvalidInput."""
     from stancekit.planners.formats import leap_file, plan_file, trajectory_file
+
+    subject: Subject | None
+    if plan_file.is_plan_file(path):
+        subject = plan_file.read_plan(path)[0]
+    elif leap_file.is_leap_file(path):
+        subject = leap_file.read_leap(path).plan
+        if subject is None:
+            raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")
+    elif trajectory_file.is_trajectory(read_json(path)):
+        subject = trajectory_file.read_trajectory(path).trajectory
+    else:
+        raise InvalidInput(f"{path}: expected a plan, a walk, a leap, or the folder of a data set")
+    check_accepted(subject, str(path))
+    return subject
+
+
+def check_accepted(subject: Subject, source: str) -> None:
+    """Raise InvalidInput for a plan, a walk or a leap that the verifier does not accept.
+
+    Arguments:
+        subject: what is judged.
+        source: where it is from, for the message.
+    """
+    from stancekit.planners.answer.report import Report
     from stancekit.planners.verify.leaps import check_leap
     from stancekit.planners.verify.trajectories import check_trajectory
     from stancekit.runner.acceptance import judged
 
-    if plan_file.is_plan_file(path):
-        plan = plan_file.read_plan(path)[0]
-        if not (report := judged(plan)).accepted:
-            raise InvalidInput(f"{path}: expected a plan that the verifier accepts, it says: {report.message}")
-        return plan
-    if leap_file.is_leap_file(path):
-        leap = leap_file.read_leap(path).plan
-        if leap is None or not check_leap(leap).accepted:
-            raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")
-        return leap
-    if trajectory_file.is_trajectory(read_json(path)):
-        trajectory = trajectory_file.read_trajectory(path).trajectory
-        if not (verdict := check_trajectory(trajectory)).accepted:
-            raise InvalidInput(f"{path}: expected a gait that the verifier accepts, it says: {verdict.message}")
-        return trajectory
-    raise InvalidInput(f"{path}: expected a plan, a walk, a leap, or the folder of a data set")
+    report: Report[Plan] | Report[LeapPlan] | Report[Trajectory]
+    match subject:
+        case Plan():
+            what, report = "plan", judged(subject)
+        case LeapPlan():
+            what, report = "leap", check_leap(subject)
+        case Trajectory():
+            what, report = "gait", check_trajectory(subject)
+    if not report.accepted:
+        raise InvalidInput(f"{source}: expected a {what} that the verifier accepts, it says: {report.message}")
 
 
 def _called(subject: object) -> str:

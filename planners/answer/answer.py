@@ -135,9 +135,11 @@ class Answer(Generic[S]):
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from .html import answer_html
+        from .html import status_html
 
-        return answer_html(self)
+        parts = [part for part in (self.solution, self.report) if part is not None]
+        said = status_html(self.status.value, self.method, self.message)
+        return said + "".join(part._repr_html_() for part in parts)
 
     @property
     def sets(self) -> Sets | None:

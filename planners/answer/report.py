@@ -194,9 +194,19 @@ class Report(Generic[S]):
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from .html import report_html
+        from .html import MOST_ROWS, groups_html
 
-        return report_html(self)
+        rows = (
+            (
+                group.name,
+                group.verdict,
+                f"{group.value:.3g} of {group.limit:.3g} {group.unit}",
+                group.where,
+                group.message,
+            )
+            for group in self.groups[:MOST_ROWS]
+        )
+        return groups_html(self.message, rows)
 
     @property
     def accepted(self) -> bool:

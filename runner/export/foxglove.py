@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
 if TYPE_CHECKING:
-    from .formats import Moved
+    from .moved import Moved
 
 NANO = 1_000_000_000
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -20,7 +20,7 @@ from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulated_body import SimulatedBody
 
 if TYPE_CHECKING:
-    from .formats import Moved
+    from .moved import Moved
 
 
 def mjcf_of(moved: Moved) -> str:

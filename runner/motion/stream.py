@@ -74,7 +74,7 @@ def joint_motion(
             walk = GaitMotion(subject, robot.source.foot_radii_m)
             walked = timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
             return _at_rate(walked, kinematics, drives, rate_hz, balanced=True)
-    raise InvalidInput("joints: expected a plan or a walk, got a leap, whose joints are not known")
+    raise InvalidInput("a leap has body, feet and forces: its joints are not planned")
 
 
 def _at_rate(

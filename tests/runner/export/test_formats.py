@@ -15,13 +15,15 @@ import yaml
 pytest.importorskip("pinocchio")
 
 import stancekit
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import csv_of, read_motion
 from stancekit.planners.motion.gait_motion import SETTLE_S
 from stancekit.planners.robot.legged import walking_robot
-from stancekit.runner.export.formats import FORMATS, Moved, beside, moved_of
+from stancekit.runner.export.formats import FORMATS, beside, moved_of
+from stancekit.runner.export.moved import Moved
 from stancekit.runner.motion.stream import streamed
 
 
@@ -231,4 +233,36 @@ def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(plan: Plan, 
     write_plan(tmp_path / "forged.json", forged, replace(check_plan(forged), groups=check_plan(plan).groups))
     with pytest.raises(InvalidInput, match="expected a plan that the verifier accepts, it says: rejected"):
         stancekit.export(tmp_path / "forged.json", tmp_path / "forged.csv")
+    with pytest.raises(InvalidInput, match="^a Plan: expected a plan that the verifier accepts, it says: rejected"):
+        stancekit.export(forged, tmp_path / "forged.csv")
     assert not (tmp_path / "forged.csv").exists()
+
+
+def test_a_walk_from_python_is_judged_as_its_file_is(walk: Trajectory, tmp_path: Path) -> None:
+    lifted = replace(walk, forces_n=0.8 * walk.forces_n)
+    with pytest.raises(InvalidInput, match="^a Trajectory: expected a gait that the verifier accepts, it says: "):
+        stancekit.export(lifted, tmp_path / "walk.csv")
+    assert not (tmp_path / "walk.csv").exists()
+
+
+def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    leap = stancekit.plan("leap-given:0").solution
+    assert isinstance(leap, LeapPlan)
+    for to in ("csv", "npz", "foxglove"):
+        done = stancekit.export(leap, tmp_path / f"leap{FORMATS[to].suffixes[0]}", to=to)
+        assert done.without == "a leap has body, feet and forces: its joints are not planned"
+    for to in ("jointtrajectory", "mujoco", "reference"):
+        with pytest.raises(InvalidInput, match=rf"^{to}: expected a motion with joints, got one without: a leap has "):
+            stancekit.export(leap, tmp_path / f"none{FORMATS[to].suffixes[0]}", to=to)
+    table = read_motion(tmp_path / "leap.csv")
+    assert (table.joints, table.limbs) == ((), leap.problem.robot.limb_names)
+    assert table.forces_n is not None
+    air = ~np.asarray(table.contact).any(axis=1)
+    assert air.any()
+    assert np.abs(table.forces_n[air]).max() == 0.0
+    falling = np.diff(np.asarray(table.velocity_m_s)[air, 2]) * table.rate_hz
+    assert np.median(falling) == pytest.approx(-9.81, abs=0.05)
+    pushed = replace(leap, forces_n=1.2 * leap.forces_n)
+    with pytest.raises(InvalidInput, match="^a LeapPlan: expected a leap that the verifier accepts, it says: "):
+        stancekit.export(pushed, tmp_path / "leap.csv")
