@@ -233,14 +233,14 @@ def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(plan: Plan, 
     write_plan(tmp_path / "forged.json", forged, replace(check_plan(forged), groups=check_plan(plan).groups))
     with pytest.raises(InvalidInput, match="expected a plan that the verifier accepts, it says: rejected"):
         stancekit.export(tmp_path / "forged.json", tmp_path / "forged.csv")
-    with pytest.raises(InvalidInput, match="^a Plan: expected a plan that the verifier accepts, it says: rejected"):
+    with pytest.raises(InvalidInput, match=r"^a Plan: expected a plan that the verifier accepts, it says: rejected"):
         stancekit.export(forged, tmp_path / "forged.csv")
     assert not (tmp_path / "forged.csv").exists()
 
 
 def test_a_walk_from_python_is_judged_as_its_file_is(walk: Trajectory, tmp_path: Path) -> None:
     lifted = replace(walk, forces_n=0.8 * walk.forces_n)
-    with pytest.raises(InvalidInput, match="^a Trajectory: expected a gait that the verifier accepts, it says: "):
+    with pytest.raises(InvalidInput, match=r"^a Trajectory: expected a gait that the verifier accepts, it says: "):
         stancekit.export(lifted, tmp_path / "walk.csv")
     assert not (tmp_path / "walk.csv").exists()
 
@@ -264,5 +264,5 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
     falling = np.diff(np.asarray(table.velocity_m_s)[air, 2]) * table.rate_hz
     assert np.median(falling) == pytest.approx(-9.81, abs=0.05)
     pushed = replace(leap, forces_n=1.2 * leap.forces_n)
-    with pytest.raises(InvalidInput, match="^a LeapPlan: expected a leap that the verifier accepts, it says: "):
+    with pytest.raises(InvalidInput, match=r"^a LeapPlan: expected a leap that the verifier accepts, it says: "):
         stancekit.export(pushed, tmp_path / "leap.csv")
