@@ -19,6 +19,7 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_json, read_text
+from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import check_writable, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
 from stancekit.runner.export.formats import FORMATS, beside, moved_of
@@ -238,6 +239,8 @@ def _drawn(
     asked = {"format": "stancekit/motions/1", "level": level, "to": to, "rate_hz": rate_hz, "robot": robot}
     ledger = folder / LEDGER
     lines = list(_ledger(ledger, asked))
+    if not lines:  # before the first motion, so that whoever is killed in it can go on
+        write_text(ledger, json.dumps(asked) + "\n")
     for seed in range(MOST_DRAWS * (count + 1)):
         if sum("file" in line for line in lines) >= count:
             break
@@ -262,11 +265,13 @@ def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]
                 f"{path.parent}: expected a new folder, an empty one or one of drawn motions, found files in it"
             )
         return
-    head, *rest = [parse_json(line, str(path)) for line in read_text(path).splitlines()]
+    head, *rest = [parse_json(line, str(path)) for line in read_text(path).splitlines()] or [None]
     if head != asked:
         different = next((name for name in asked if not isinstance(head, dict) or head.get(name) != asked[name]), "")
         raise InvalidInput(f"{path}: {different}: expected {asked[different]!r}, found motions of another one there")
-    for line in rest:
+    for number, line in enumerate(rest, 2):
+        if not isinstance(line, dict) or not isinstance(line.get("file", line.get("refused")), str):
+            raise InvalidInput(f"{path}: line {number}: expected a ground with its file or a reason, got {shown(line)}")
         if "file" in line and not (path.parent / line["file"]).exists():
             raise InvalidInput(f"{path.parent / line['file']}: expected the motion that {LEDGER} names, found nothing")
         yield line
