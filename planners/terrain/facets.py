@@ -95,6 +95,13 @@ class FlatPiece:
         """Its convex pieces that are nowhere to be called a sliver, see ``wide``."""
         yield from (piece for part in parts_of(self.polygon) for piece in convex_pieces(part) if wide(piece, least_m))
 
+    def patches(self, least_m: float, friction: float) -> Iterator[Patch]:
+        """The patches of these pieces."""
+        made: Patch | None = None
+        for piece in self.pieces(least_m):
+            made = made.with_vertices(self.plane.world(piece)) if made else self.plane.patch(piece, friction)
+            yield made
+
 
 def parts_of(polygon: Any) -> list[Any]:
     """The polygons with an area that something of shapely's has."""

@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, fitted, solved
+from .cells import GroundCells, Labels, fitted, renumbered, solved
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
@@ -103,7 +103,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
             wider = facet.certainty.inset_m - limits.margin_m
             outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
             facet = replace(facet, polygon=outer)
-        surfaces += [plane.patch(piece, friction) for piece in facet.pieces(SMALLEST_M)]
+        surfaces += facet.patches(SMALLEST_M, friction)
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
         name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
@@ -202,7 +202,7 @@ def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: 
     graph = coo_array((np.ones(len(one)), (one, other)), shape=(heights.size, heights.size))
     _, group = connected_components(graph, directed=False)
     labels = np.where(ground, group.reshape(heights.shape), -1)
-    return _parted(_renumbered(labels), heights, plane[2], limits.rms_m)
+    return _parted(renumbered(labels), heights, plane[2], limits.rms_m)
 
 
 def _slack(count: Any) -> Any:
@@ -240,14 +240,6 @@ def _continued(
     fits = ground[here] & ground[there] & (bend <= turn * (1.0 + (a * a + b * b) / spacing**2)) & (rise <= step)
     index = np.arange(ground.size).reshape(ground.shape)
     return index[here][fits], index[there][fits]
-
-
-def _renumbered(labels: Labels) -> Labels:
-    """Labels from 0 on without gaps; −1 stays."""
-    known = labels >= 0
-    found = np.full(labels.shape, -1)
-    found[known] = np.unique(labels[known], return_inverse=True)[1]
-    return found
 
 
 def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Array:
@@ -294,7 +286,7 @@ def _connected_again(labels: Labels, halves: Labels) -> Labels:
     one = np.concatenate([index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]])
     other = np.concatenate([index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]])
     _, group = connected_components(coo_array((np.ones(len(one)), (one, other)), shape=(key.size,) * 2), directed=False)
-    return _renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
+    return renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
 
 
 def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimits) -> Labels:

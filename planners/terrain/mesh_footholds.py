@@ -54,7 +54,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
     facets = _one_sided(facets, tops)
     return Footholds(
         name=mesh.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
-        surfaces=tuple(facet.plane.patch(piece, friction) for facet in facets for piece in facet.pieces(SMALLEST_M)),
+        surfaces=tuple(patch for facet in facets for patch in facet.patches(SMALLEST_M, friction)),
         limits=limits,
     )  # fmt: skip
 
@@ -93,15 +93,14 @@ def standing_pieces(
     """
     margin_m = limits.margin_m if margin_m is None else margin_m
     inner = free.buffer(-margin_m, join_style="mitre") if margin_m > 0.0 else free
-    kept = replace(facet, polygon=inner).pieces(max(limits.width_m, SMALLEST_M))
     found = [
         TerrainPatch(
-            patch=facet.plane.patch(piece, friction).with_certainty(facet.certainty),
+            patch=patch.with_certainty(facet.certainty),
             rms_m=facet.rms_m,
             samples=len(facet.triangles),
             surface=surface,
         )
-        for piece in kept
+        for patch in replace(facet, polygon=inner).patches(max(limits.width_m, SMALLEST_M), friction)
     ]
     refused["edge"] += max(free.area - inner.area, 0.0)
     refused["small"] += max(inner.area - sum(piece.area_m2 for piece in found), 0.0)
