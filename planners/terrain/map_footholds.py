@@ -47,6 +47,8 @@ FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
 QUIET = 0.25
 """Noise below this share of the roughness is a part of it."""
+FLATTEST = 0.02
+"""Heights without noise are off a narrow strip by no more than this share of the roughness."""
 POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
@@ -71,6 +73,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     area = np.bincount(labels[labels >= 0], minlength=len(planes))
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
     cell_m2 = spacing**2 / normal_z
+    flattest = most_rms * _slack(count) if noisy else np.full(len(planes), FLATTEST * limits.roughness_m)
     level, flat = normal_z >= np.cos(limits.slope_rad), rms <= most_rms * _slack(count)
     refused = dict.fromkeys(REASONS, 0.0)
     refused["steep"] = float((area * cell_m2)[flat & ~level].sum())
@@ -98,7 +101,8 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
             certainty=sure[number],
         )
         margin_m = None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing  # kept by the outline
-        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m)
+        strips = bool(rms[number] <= flattest[number])
+        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m, strips)
         if facet.certainty is not None:  # bodies keep out of all that it may be
             wider = facet.certainty.inset_m - limits.margin_m
             outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
