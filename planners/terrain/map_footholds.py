@@ -41,8 +41,8 @@ ROUNDS, LLOYD = 12, 4
 """How often surfaces are parted, and how often cells choose the nearer of two planes then."""
 TURN_RAD = 0.12
 """Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise [rad]."""
-OFF, ALONE = 2.5, 4.5
-"""Cells are on a plane up to this many rms, and those that it is all about up to so many."""
+OFF, ALONE = 2.5, 3.0
+"""Cells are on a plane up to this many rms, and those that it is all about, or that were of it, up to so many."""
 FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
 QUIET = 0.25
@@ -300,9 +300,10 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
     if not len(planes):
         return labels
     sizes = np.bincount(labels[labels >= 0], minlength=len(planes))
-    open_ = np.isfinite(heights) & (labels < 0)
     i, j = np.indices(labels.shape, dtype=np.float64)
-    labels = labels.copy()
+    a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
+    labels = np.where(np.abs(a * i + b * j + c - heights) <= ALONE * limits.rms_m, labels, -1)
+    open_ = np.isfinite(heights) & (labels < 0)
     for turn in range(half + 3):
         if turn > half:
             alike = sum((_shifted(labels, *way) == labels).astype(int) for way in ((0, 1), (0, -1), (1, 1), (1, -1)))
