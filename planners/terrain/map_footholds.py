@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, fitted, solved
+from .cells import GroundCells, Labels, fitted, renumbered, solved
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
@@ -41,12 +41,14 @@ ROUNDS, LLOYD = 12, 4
 """How often surfaces are parted, and how often cells choose the nearer of two planes then."""
 TURN_RAD = 0.12
 """Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise [rad]."""
-OFF, ALONE = 2.5, 4.5
-"""Cells are on a plane up to this many rms, and those that it is all about up to so many."""
+OFF, ALONE = 2.5, 3.0
+"""Cells are on a plane up to this many rms, and those that it is all about, or that were of it, up to so many."""
 FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
 QUIET = 0.25
 """Noise below this share of the roughness is a part of it."""
+FLATTEST = 0.02
+"""Heights without noise are off a narrow strip by no more than this share of the roughness."""
 POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
@@ -71,6 +73,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     area = np.bincount(labels[labels >= 0], minlength=len(planes))
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
     cell_m2 = spacing**2 / normal_z
+    flattest = most_rms * _slack(count) if noisy else np.full(len(planes), FLATTEST * limits.roughness_m)
     level, flat = normal_z >= np.cos(limits.slope_rad), rms <= most_rms * _slack(count)
     refused = dict.fromkeys(REASONS, 0.0)
     refused["steep"] = float((area * cell_m2)[flat & ~level].sum())
@@ -98,12 +101,13 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
             certainty=sure[number],
         )
         margin_m = None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing  # kept by the outline
-        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m)
+        strips = bool(rms[number] <= flattest[number])
+        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m, strips)
         if facet.certainty is not None:  # bodies keep out of all that it may be
             wider = facet.certainty.inset_m - limits.margin_m
             outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
             facet = replace(facet, polygon=outer)
-        surfaces += [plane.patch(piece, friction) for piece in facet.pieces(SMALLEST_M)]
+        surfaces += facet.patches(SMALLEST_M, friction)
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
         name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
@@ -202,7 +206,7 @@ def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: 
     graph = coo_array((np.ones(len(one)), (one, other)), shape=(heights.size, heights.size))
     _, group = connected_components(graph, directed=False)
     labels = np.where(ground, group.reshape(heights.shape), -1)
-    return _parted(_renumbered(labels), heights, plane[2], limits.rms_m)
+    return _parted(renumbered(labels), heights, plane[2], limits.rms_m)
 
 
 def _slack(count: Any) -> Any:
@@ -240,14 +244,6 @@ def _continued(
     fits = ground[here] & ground[there] & (bend <= turn * (1.0 + (a * a + b * b) / spacing**2)) & (rise <= step)
     index = np.arange(ground.size).reshape(ground.shape)
     return index[here][fits], index[there][fits]
-
-
-def _renumbered(labels: Labels) -> Labels:
-    """Labels from 0 on without gaps; −1 stays."""
-    known = labels >= 0
-    found = np.full(labels.shape, -1)
-    found[known] = np.unique(labels[known], return_inverse=True)[1]
-    return found
 
 
 def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Array:
@@ -294,7 +290,7 @@ def _connected_again(labels: Labels, halves: Labels) -> Labels:
     one = np.concatenate([index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]])
     other = np.concatenate([index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]])
     _, group = connected_components(coo_array((np.ones(len(one)), (one, other)), shape=(key.size,) * 2), directed=False)
-    return _renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
+    return renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
 
 
 def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimits) -> Labels:
@@ -304,9 +300,10 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
     if not len(planes):
         return labels
     sizes = np.bincount(labels[labels >= 0], minlength=len(planes))
-    open_ = np.isfinite(heights) & (labels < 0)
     i, j = np.indices(labels.shape, dtype=np.float64)
-    labels = labels.copy()
+    a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
+    labels = np.where(np.abs(a * i + b * j + c - heights) <= ALONE * limits.rms_m, labels, -1)
+    open_ = np.isfinite(heights) & (labels < 0)
     for turn in range(half + 3):
         if turn > half:
             alike = sum((_shifted(labels, *way) == labels).astype(int) for way in ((0, 1), (0, -1), (1, 1), (1, -1)))
