@@ -112,6 +112,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         LATER: ("planners.robot.robot_file", "planners.terrain.footholds", "planners.terrain.import_options"),
     },
     "train": {TOOL: ("learners.training.reinforce", "learners.training.train_config")},
+    "verify": {CHOICES: ("envs.data.pools",)},
     "warp": {DRAWS: ("views.maps", "views.sheet")},
 }  # fmt: skip
 """By file and reason: the modules that are imported."""
