@@ -7,12 +7,14 @@ centimetre from where the plan draws it, and the joints are those that bring it 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..answer.plan import Plan
 from ..cached import cached_property
+from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import descend
 from ..robot.kinematics import Kinematics
@@ -58,18 +60,20 @@ class JointPath:
         self.corners = dict[tuple[int, int], Array]()
         """Angles at both corners of a swing, shape (2, n), by key frame that it ends at and limb."""
 
-    def judged(self, turn_rad: float = TURN_RAD) -> tuple[PathMoments, PathPostures]:
+    def judged(self, turn_rad: float = TURN_RAD, *, deadline: float = math.inf) -> tuple[PathMoments, PathPostures]:
         """Moments so near to each other, nearer where joints turn by more than ``turn_rad`` in between, and the
         postures there.
 
-        Raises InvalidInput for a path of which there are too many.
+        Raises InvalidInput for a path of which there are too many, and TimeEnded after the deadline
+        (``time.perf_counter()``).
         """
         counts = self.path.counts(self._apart_m)
         moments = self.path.divided(counts)
         postures = self._postures(moments)
         if postures.error_m.max() > STRAY_M:
-            self._turn(moments, postures)
+            self._turn(moments, postures, deadline)
             postures = self._postures(moments)
+        check_time(deadline)
         turned = np.abs(np.diff(postures.angles, axis=0, prepend=postures.angles[:1])).max(axis=1)
         finer = np.ceil(np.maximum.reduceat(turned, np.cumsum(counts) - counts) / turn_rad)
         if finer.max() > 1.0:
@@ -88,13 +92,14 @@ class JointPath:
         self.judged()
         return True
 
-    def _turn(self, moments: PathMoments, postures: PathPostures) -> None:
+    def _turn(self, moments: PathMoments, postures: PathPostures, deadline: float) -> None:
         """Find postures for the corners of swings that limbs do not follow."""
         steps, missed = moments.step, postures.error_m > STRAY_M
         for t, limb in np.argwhere(missed & (moments.foothold < 0)).tolist():
             step = int(steps[t])
             if (step, limb) in self.corners or moments.part[t] < 0:
                 continue
+            check_time(deadline)
             ends = np.flatnonzero((steps == step) & np.isin(moments.part, (0, 1)) & (moments.passed == 1.0))
             self.corners[step, limb] = np.array([self._comfortable(moments, postures, int(end), limb) for end in ends])
 

@@ -85,7 +85,7 @@ class PathClearance:
         """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is
         nearest, and wherever it is too near."""
         path = JointPath(PlanPath(plan), self._solver, apart_m)
-        moments, postures = _with_keys(path.path, *path.judged(turn_rad=np.inf))
+        moments, postures = _with_keys(path.path, *path.judged(turn_rad=np.inf, deadline=self._deadline))
         check_time(self._deadline)
         bodies = path_bodies(path.path, moments, postures)
         loose = replace(bodies, stands=np.ones_like(bodies.stands))  # feet lift off what they stand on

@@ -117,14 +117,15 @@ def scp(
     """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
 
     worth: of a posture, take no step where the first toes leave more than this; none, either, after one that stalled.
-    deadline: begin no step that would end after it (``time.perf_counter()``), by how long the one before took.
+    deadline: begin no step that would end after it (``time.perf_counter()``), by how long the one before took, and of
+    the first by how long the solve before it took.
     """
     least = scaled.weights is None
     held, step, began = programs.get(FixToes, scaled.layout, False, least), None, time.perf_counter()
     best = point = held.solve(scaled, start)
-    solves, seconds, most = 1, point.seconds, float("inf")
-    for _ in range(steps):
-        took, began = time.perf_counter() - began, time.perf_counter()
+    solves, seconds, most, each = 1, point.seconds, float("inf"), 2 if least else 3
+    for k in range(steps):
+        took, began = (1 if k else each) * (time.perf_counter() - began), time.perf_counter()
         if began + took > deadline:
             break
         vain = least and (not np.isfinite(point.residual) or best.residual > worth or point.residual > most)

@@ -213,13 +213,14 @@ def _laid_out(
     """
     first: Answer[Plan] | None = None
     refusal: InvalidInput | PlanningFailed | None = None
-    left, used = list(layouts), _Used()
+    left, used, laid_s = list(layouts), _Used(), 0.0
     while left:
         alternative, now = left.pop(0), time.perf_counter()
-        if alternative is not layouts[0] and now >= deadline:
+        if alternative is not layouts[0] and now + laid_s >= deadline:
             break
         try:
             course = question("inner", alternative)
+            laid_s = time.perf_counter() - now
         except (InvalidInput, PlanningFailed) as error:
             if alternative is layouts[0] and not isinstance(error, NoPlace | PlanningFailed):
                 raise

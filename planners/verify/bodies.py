@@ -16,7 +16,7 @@ import numpy as np
 
 from ..answer.plan import Plan
 from ..answer.report import LATE, Group
-from ..errors import InvalidInput
+from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
 
 if TYPE_CHECKING:
@@ -149,9 +149,7 @@ def bodies_report(
     )  # fmt: skip
 
 
-def check_bodies(
-    plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf
-) -> tuple[Group, ...]:
+def check_bodies(plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf) -> tuple[Group, ...]:
     """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad], and, where limbs carry
     between them, ``motion``, of the path through them where they are the plan's own.
 
@@ -176,7 +174,9 @@ def check_bodies(
         return found, Group("motion", unit="m", message=unchecked, verdict="not checked")
     try:
         path = PlanPath(plan)
-        moments, postures = JointPath(path, solver).judged()
+        moments, postures = JointPath(path, solver).judged(deadline=deadline)
+    except TimeEnded:
+        return found, Group("motion", unit="m", message=LATE, verdict="not checked")
     except InvalidInput as error:
         return found, Group("motion", unit="m", message=str(error), verdict="not checked")
     stray_m = float(postures.error_m.max())

@@ -248,7 +248,8 @@ class PortfolioRun:
             solution = solution.on(self.bench.program(attempt.chart))
         searched = len(budget.solves)
         refines = solution.success and not self._checkpoint.done(index)
-        best = _verified(solution, body=not refines)
+        worth = solution.success or not budget.exhausted  # bodies on no walk's way take longer to judge than on one's
+        best = _verified(solution, body=worth and not refines)
         self.feasible.append(best[1] if solution.success else None)
         if refines:
             best = self._refined(best, lambda x: self._checkpoint.note(index, len(attempt.heights) - 1, x))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -26,7 +25,7 @@ from ...verify.trajectories import check_trajectory
 from ..constraints.footing import steepest
 from ..task import GaitSettings
 from .attempt import Attempt, Attempted, Progress
-from .budget import SolveRecord
+from .budget import SolveRecord, cpu_s
 from .checkpoint import Checkpoint
 from .portfolio import Attempts, Caps, default_attempts, plan_gait
 
@@ -144,12 +143,12 @@ def plan_walk(
         return Attempts(walk=task, attempts=(), feasible=(), solves=(), failures=(str(error),))
     if path is None:
         return plan_gait(task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint)
-    begun = time.process_time()
+    begun = cpu_s()
     done, solves = list[Attempted](), list[SolveRecord]()
     left = [(piece, 0) for piece in pieces_of(task, path)]
     while left:
         piece, cut = left.pop(0)
-        remains_s = caps.total_s - (time.process_time() - begun)
+        remains_s = caps.total_s - (cpu_s() - begun)
         share_s = min(remains_s, PATIENCE * remains_s / (len(left) + 1))
         if share_s <= 0.0:
             return _ended(
