@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from stancekit.learners.evaluation.room import Room, Share
 
-METHODS = ("random", "noise", "noise-again", "rule-tuned", "farkas", "finder")
+METHODS = ("random", "noise", "noise-again", "rule-tuned", "farkas", "finder", "finder-tuned")
 QUICK = 40
 """Scenes of a quick look."""
 
@@ -32,8 +32,11 @@ class BenchRoom:
     run that is stopped goes on. Intervals are of 95 %; the gain of learned scores is paired over the scenes.
     """
 
-    scorer: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
-    """Files of `stancekit fit` from labelled tries of leaps; of several, as of training seeds, the mean is taken."""
+    scorer: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    """Files of `stancekit fit` from labelled tries of leaps, or a name that ships; of several, as of training seeds,
+    the mean is taken. Scenes that they learned from are refused."""
+    method: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = METHODS
+    """Methods that learn nothing, of those of bench leaps; the best within a budget is its control."""
     distribution: str = "leap-hard"
     """Class of leaps."""
     scenes: int = 300
@@ -42,6 +45,8 @@ class BenchRoom:
     """Seed of the scenes; data sets to learn from have another one."""
     solves: Annotated[tuple[int, ...], tyro.conf.arg(metavar="INT ...")] = (12, 25)
     """Budgets in convex problems, beside that of one try."""
+    cpu_s: Annotated[tuple[float, ...], tyro.conf.arg(metavar="FLOAT ...")] = ()
+    """Budgets in CPU time, the network's own counted [s]; one process alone on the computer measures them."""
     oracle_solves: int = 50
     """Convex problems of the oracle, per method and scene."""
     quick: bool = False
@@ -55,20 +60,27 @@ class BenchRoom:
         """Measure what is missing, and print the table."""
         from stancekit.learners.evaluation import leap_bench
         from stancekit.learners.evaluation.room import leap_room
+        from stancekit.planners.files.arrays import checked, checked_int
 
-        with as_options("distribution", "scenes", "seed"):
+        with as_options("distribution", "scenes", "seed", "method", "solves", "cpu_s", "oracle_solves"):
+            for solves in self.solves:
+                checked_int(solves, "solves", least=1, most=self.oracle_solves)
+            for seconds in self.cpu_s:
+                checked(seconds, "cpu_s", above=0.0)
+            checked_int(self.oracle_solves, "oracle_solves", least=1)
             settings = leap_bench.LeapBenchSettings(
                 distribution=self.distribution,
                 scenes=min(self.scenes, QUICK) if self.quick else self.scenes,
                 seed=self.seed,
-                methods=(*METHODS, *map(str, self.scorer)),
+                methods=(*self.method, *self.scorer),
                 solves=self.oracle_solves,
                 proof=0,
             )
         make_folder(self.out)
         with stages("bench room") as on_progress:
             rows = leap_bench.run(settings, self.out, on_progress)
-        budgets = [{"tries": 1}, *({"solves": each} for each in self.solves)]
+        budgets: list[dict[str, Any]] = [{"tries": 1}, *({"solves": each} for each in self.solves)]
+        budgets += [{"cpu_s": each} for each in self.cpu_s]
         found = [leap_room(rows, self.distribution, self.oracle_solves, **budget) for budget in budgets]
         if self.json:
             for line in found:

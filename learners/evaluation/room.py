@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from .leap_bench import AGAIN, FINDERS, METHODS, PROOF, share
+from .leap_bench import AGAIN, FINDERS, PROOF, TUNED, UNLEARNED, share
 
 Share = tuple[float, float, float]
-UNLEARNED = (*METHODS, *(name for name, _ in AGAIN.values()))
 DRAWS = 10_000
 """Resamples of a paired interval."""
 
@@ -57,17 +56,20 @@ def leap_room(
     *,
     tries: int | None = None,
     solves: int | None = None,
+    cpu_s: float | None = None,
 ) -> Room:
-    """The room of LeapChoice-v0 at a budget of tries or of solves, from rows of ``bench leaps`` with ``most``
-    solves per scene."""
+    """The room of LeapChoice-v0 at a budget of tries, of solves or of CPU time, from rows of ``bench leaps`` with
+    ``most`` solves per scene."""
     found: dict[str, dict[int, Mapping[str, Any]]] = {}
     for row in rows:
         if row["method"] != PROOF:
             found.setdefault(row["method"], {})[row["scene"]] = row
     scenes = sorted(set.intersection(*(set(own) for own in found.values())))
-    within = {method: np.array([_within(own[k], tries, solves) for k in scenes]) for method, own in found.items()}
+    within = {
+        method: np.array([_within(own[k], tries, solves, cpu_s) for k in scenes]) for method, own in found.items()
+    }
     anywhere = {method: np.array([bool(own[k]["found"]) for k in scenes]) for method, own in found.items()}
-    fair = [method for method in within if method in FINDERS]
+    fair = [method for method in within if method in FINDERS or method in TUNED]
     control = max(fair, key=lambda method: int(within[method].sum()))
     learned = [method for method in within if method not in UNLEARNED]
     mean = np.mean([within[method] for method in learned], axis=0) if learned else None
@@ -78,7 +80,7 @@ def leap_room(
         again = np.any([own for method, own in anywhere.items() if method not in AGAIN], axis=0)
     return Room(
         environment=f"LeapChoice-v0 ({distribution})",
-        budget=f"{tries} tries" if tries is not None else f"{solves} solves",
+        budget=_budget(tries, solves, cpu_s),
         oracle_budget=f"all methods, {most} solves",
         scenes=len(scenes),
         random=_share(within["random"]) if "random" in within else None,
@@ -101,9 +103,15 @@ def paired(one: Any, other: Any, seed: int = 0) -> Share:
     return float(apart.mean()), float(low), float(high)
 
 
-def _within(row: Mapping[str, Any], tries: int | None, solves: int | None) -> bool:
-    spent = (tries is None or row["tries"] <= tries) and (solves is None or row["solves"] <= solves)
-    return bool(row["found"]) and spent
+def _within(row: Mapping[str, Any], tries: int | None, solves: int | None, cpu_s: float | None) -> bool:
+    limits = {"tries": tries, "solves": solves, "cpu_s": cpu_s}
+    return bool(row["found"]) and all(limit is None or row[name] <= limit for name, limit in limits.items())
+
+
+def _budget(tries: int | None, solves: int | None, cpu_s: float | None) -> str:
+    if tries is not None:
+        return "1 try" if tries == 1 else f"{tries} tries"
+    return f"{solves} solves" if solves is not None else f"{cpu_s:g} CPU-s"
 
 
 def _mean(found: Any) -> Share:
