@@ -62,9 +62,9 @@ class LeapBenchSettings:
 
     distribution: a class of ``configs/leaps.yaml``. scenes: how many, from number 0 on; seed: of all of them. methods:
     of ``UNLEARNED``, and files of learned scores, or names of such that ship. solves: convex problems at most per
-    method and scene, which does not depend on how busy the computer is. ipopt_s: CPU time at most of IPOPT per scene,
-    which takes choices in the order of the tuned rule [s]; proof: convex problems at most in search of a proof where nobody found
-    a plan, 0 for none.
+    method and scene, which does not depend on how busy the computer is.
+    ipopt_s: CPU time at most of IPOPT per scene, which takes choices in the order of the tuned rule [s]; proof: convex
+    problems at most in search of a proof where nobody found a plan, 0 for none.
     """
 
     distribution: str = "leap-hard"
