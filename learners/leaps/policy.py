@@ -17,7 +17,7 @@ from .kinds import Kind
 from .scorer import FOOTHOLDS, LeapScorer, ScoreNetwork
 
 
-class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc] # sb3-contrib has no types where it is not installed
+class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignore]
     """Draw a candidate per foothold of LeapChoice-v0 by the softmax of a score network, which is the whole actor.
 
     ``MaskablePPO(ScorePolicy, env, policy_kwargs={"scorer": "set.safetensors"})`` goes on from what ``fit`` learned;
@@ -58,12 +58,14 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc] # sb3-contri
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
         super()._build(lr_schedule)
-        self.action_net, self.value_net = _Actor(), _Critic()
-        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+        heads: Any = (_Actor(), _Critic())
+        self.action_net, self.value_net = heads
+        make: Any = self.optimizer_class
+        self.optimizer = make(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
     def scorer(self) -> LeapScorer:
         """The scores as they are now."""
-        found: _Scored = self.features_extractor
+        found: Any = self.features_extractor
         network = ScoreNetwork(found.network.kind, found.network.width, found.network.layers, found.network.heads)
         network.load_state_dict(found.network.state_dict())
         return LeapScorer(network=network.eval(), origin={**found.origin, "method": "maskable-ppo"})
@@ -71,14 +73,15 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc] # sb3-contri
     def _get_constructor_parameters(self) -> dict[str, Any]:
         taken = ("net_arch", "ortho_init", "features_extractor_class", "features_extractor_kwargs")
         kept = {name: value for name, value in super()._get_constructor_parameters().items() if name not in taken}
-        return {**kept, "scorer": None, "kind": self.features_extractor.network.kind}
+        extractor: Any = self.features_extractor
+        return {**kept, "scorer": None, "kind": extractor.network.kind}
 
 
-class _Scored(BaseFeaturesExtractor):  # type: ignore[misc]
+class _Scored(BaseFeaturesExtractor):
     """Scores of all candidates; after them, for the value, how likely the best choice has a leap, and ``left``."""
 
     def __init__(self, space: spaces.Dict, scorer: str | None, kind: Kind) -> None:
-        super().__init__(space, int(np.prod(space["mask"].shape)) + EXTRA)
+        super().__init__(space, int(np.prod(space["mask"].shape or ())) + EXTRA)
         read = None if scorer is None else LeapScorer.read(scorer)
         self.network = ScoreNetwork(kind) if read is None else read.network
         self.origin = {} if read is None else read.origin

@@ -150,8 +150,11 @@ class LeapScorer:
         mask = torch.as_tensor(np.atleast_2d(observation["mask"]))
         with torch.no_grad():
             scores = self.network.seen(seen, mask, torch.as_tensor(np.atleast_2d(observation["leap"])))[0]
-            drawn = None if deterministic else torch.distributions.Categorical(logits=scores).sample()
-        choice = (scores.argmax(dim=2) if drawn is None else drawn).numpy()
+        if deterministic:
+            choice = scores.argmax(dim=2).numpy()
+        else:
+            odds = scores.flatten(0, 1).softmax(dim=1)
+            choice = torch.multinomial(odds, 1).reshape(scores.shape[:2]).numpy()
         return choice if np.ndim(observation["leap"]) > 1 else choice[0], state
 
     def write(self, path: str | Path) -> None:
