@@ -119,9 +119,9 @@ class Fit:
         from stancekit.planners.files.documents import read_yaml
         from stancekit.selectors import fit
 
-        if len(self.dataset) > 1 or self.part != "all":
-            raise InvalidInput(f"FOLDER: expected one whole folder of tries with {self.method}, got some or a part")
-        settings = {"seed": self.seed, **({} if self.config is None else read_yaml(self.config))}
+        if len(self.dataset) > 1:
+            raise InvalidInput(f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}")
+        settings = {"seed": self.seed, "part": self.part, **({} if self.config is None else read_yaml(self.config))}
         with progress(f"fit {self.method}") as bar:
             scorer: Any = fit(self.dataset[0], self.method, progress=bar, **settings)
         scorer.write(self.out)

@@ -150,7 +150,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         self._scenes = self._settings.source()
         self._programs = Programs()
         self._episode: _Episode | None = None
-        like = _Episode(self._class.draw(np.random.default_rng(0)), self._settings, self._programs)
+        like = self._begin(self._class.draw(np.random.default_rng(0)))
         self._shape = like.shape
         self.observation_space: spaces.Space[Any] = _space(like)
         self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(np.full(like.shape[0], like.shape[1]))
@@ -165,7 +165,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
             leap = self._class.draw(self.np_random)
         else:
             leap = self._scenes[int(self.np_random.integers(len(self._scenes)))]
-        self._episode = _Episode(leap, self._settings, self._programs)
+        self._episode = self._begin(leap)
         return self._episode.observe(), self._episode.info()
 
     def step(self, action: NDArray[np.int64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -184,6 +184,9 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         spent = max(episode.solves - before, 1)
         reward = float(episode.solved) - spent / self._settings.solves
         return episode.observe(), reward, episode.solved, episode.over and not episode.solved, episode.info()
+
+    def _begin(self, leap: Leap) -> _Episode:
+        return _Episode(leap, self._settings, self._programs, self._class.candidates)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which candidates there are, shape (P * R,), foothold by foothold."""
@@ -210,12 +213,12 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
 
 class _Episode:
-    """One leap, and what was tried of it."""
+    """One leap, and what was tried of it; options: R, to which features are padded."""
 
-    def __init__(self, leap: Leap, settings: LeapChoiceSettings, programs: Programs) -> None:
+    def __init__(self, leap: Leap, settings: LeapChoiceSettings, programs: Programs, options: int) -> None:
         self._settings, self._programs = settings, programs
         self._timings = [LeapNumbers.of(leap, k) for k in range(len(leap.timings_s))]
-        self._features = [LeapFeatures.of(each) for each in self._timings]
+        self._features = [LeapFeatures.of(each).padded(options) for each in self._timings]
         self._tried: set[tuple[int, ...]] = set()
         self._last: tuple[LeapNumbers, LeapPoint] | None = None
         self._choice: NDArray[np.int64] | None = None

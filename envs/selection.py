@@ -149,6 +149,13 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             self.render()
         return seen(self._scene), verdict.reward, True, False, verdict.info
 
+    @property
+    def scene(self) -> LabelledScene:
+        """The scene of this episode, for policies that look at more than the observation."""
+        if self._scene is None:
+            raise gym.error.ResetNeeded("reset the environment before asking for its scene")
+        return self._scene
+
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the scene, and after a step the envelope and the posture that P2 found in it."""
         if self._scene is None:

@@ -74,6 +74,13 @@ class LeapFeatures:
             ]),
         )  # fmt: skip
 
+    def padded(self, options: int) -> LeapFeatures:
+        """The same with room for more candidates per foothold, which are masked."""
+        more = [(0, 0), (0, options - self.mask.shape[1])]
+        return LeapFeatures(
+            candidates=np.pad(self.candidates, [*more, (0, 0)]), mask=np.pad(self.mask, more), leap=self.leap
+        )
+
 
 def _grip(numbers: LeapNumbers) -> tuple[Array, Array]:
     """Friction left over at the nominal force of every candidate, in units of that force, shape (K,); and the mean
