@@ -174,14 +174,16 @@ def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: S
     raise first
 
 
-def guide_over(heights: HeightField, footprint: Footprint, ends_m: Array, friction: float) -> tuple[GuidePath, bool]:
+def guide_over(
+    heights: HeightField, footprint: Footprint, ends_m: Array, friction: float, avoid_m: Sequence[Array] = ()
+) -> tuple[GuidePath, bool]:
     """The same over heights, where ground that is steeper than friction holds is no foothold, and what is higher than
     the robot's belly is a wall, as bars overhead are; and whether the straight way is as good."""
     first: InvalidInput | PlanningFailed | None = None
     for apart in APART:
         lattice = _Lattice.on(heights, footprint, apart, friction)
         try:
-            found = lattice.way(ends_m[0], ends_m[1], ())
+            found = lattice.way(ends_m[0], ends_m[1], avoid_m)
         except (NoPlace, PlanningFailed) as error:
             first = first or error
             continue
