@@ -23,6 +23,7 @@ from ...answer.report import Report
 from ...answer.trajectory import SAMPLES, Trajectory
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array
+from ...problem.candidates import NoPlace
 from ...problem.guide_path import Footprint, GuidePath, guide_over
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
@@ -58,8 +59,8 @@ def guided(task: Walk) -> GuidePath | None:
     """The guide path of a walk that is planned in pieces: one that is long, or whose straight way is barred; else None,
     also for a short walk without such a path, which may be walked all the same: nothing is proved by its absence.
 
-    Raises InvalidInput for a long walk whose start or goal the robot cannot stand at, and PlanningFailed where a long
-    one has no way.
+    Raises InvalidInput for a start or goal in a solid, and of a long walk also for one that the robot cannot stand at,
+    and PlanningFailed where a long one has no way.
     """
     length = float(np.linalg.norm(task.goal_xy_m - task.start_xy_m))
     turns = task.yaws()[0] != task.yaws()[1]
@@ -67,11 +68,20 @@ def guided(task: Walk) -> GuidePath | None:
         return None
     footprint = Footprint.of_walker(task.robot, task.start_yaw_rad)
     ends = np.array([task.start_xy_m, task.goal_xy_m])
+    for name, place in zip(("start_xy_m", "goal_xy_m"), ends, strict=True):
+        ground = float(np.median(task.terrain.height(place + footprint.toes_m[:, :2])))
+        high = float(task.terrain.height(place)) - ground
+        if high > task.robot.stand_height_m:  # the torso would be in it
+            raise NoPlace(
+                f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in a solid that is "
+                f"{high:.3g} m high"
+            )
     try:
         path, straight = guide_over(task.terrain, footprint, ends, task.friction)
     except (InvalidInput, PlanningFailed) as error:
         if length >= FAR_M:
-            raise
+            name, colon, rest = str(error).partition(":")
+            raise type(error)(f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)) from None
         LOG.info("walk: no guide path: %s", error)
         return None
     return None if straight and length < FAR_M else path

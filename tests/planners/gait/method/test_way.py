@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method import way
 from stancekit.planners.gait.method.checkpoint import CUT, DONE, ROUND, Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, default_attempts
@@ -127,3 +128,17 @@ def test_a_walk_without_a_way_says_how_far_it_came(monkeypatch):
     found = planned(task)
     assert not found.verified
     assert "planned 0 pieces of a walk round; the next one: from (0.00, 0.00): no walk: made to fail" in found.message
+
+
+@pytest.mark.parametrize(("start", "goal", "name"), [((2, 0), (4, 0), "start_xy_m"), ((0, 0), (2, 0), "goal_xy_m")])
+def test_a_walk_from_or_to_a_solid_is_refused_at_once(start, goal, name):
+    task = Walk.over(level((1.8, 2.2, -0.8, 0.9)), goal, start_xy_m=start, duration_s=10.0)
+    wanted = rf"{name}: expected a place outside of solids, got \(2, 0\) in a solid that is 1 m high"
+    with pytest.raises(InvalidInput, match=wanted):
+        planned(task)
+
+
+def test_the_top_of_a_wide_block_is_a_place_to_stand():
+    terrain = level((1.0, 4.0, -2.0, 2.0))
+    task = Walk.over(terrain, (2.6, 0.0), start_xy_m=(2.4, 0.0), duration_s=4.0)
+    assert guided(task) is None
