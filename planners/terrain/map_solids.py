@@ -97,7 +97,8 @@ class Overhead:
             bottom, top = np.full(len(floor), np.inf), np.full(len(floor), -np.inf)
             np.minimum.at(bottom, cell[own], z[own])
             np.maximum.at(top, cell[own], z[own])
-            boxes.append(covered(bottom.reshape(shape), top.reshape(shape), corner, spacing_m))
+            bottom, top = _as_beside(bottom.reshape(shape)), -_as_beside(-top.reshape(shape))
+            boxes.append(covered(bottom, top, corner, spacing_m))
         ground = order[~hangs]
         return cls(
             ground_m=points_m[np.sort(ground)],
@@ -105,6 +106,14 @@ class Overhead:
             boxes_m=np.concatenate(boxes),
             share=float(under.sum() / np.isfinite(floor).sum()),
         )
+
+
+def _as_beside(bottom: Array) -> Array:
+    """Bottoms of cells, as low as those beside them where these are about as low: a cell shows few points."""
+    beside = minimum_filter(bottom, size=3, mode="nearest")
+    with np.errstate(invalid="ignore"):
+        alike = np.isfinite(bottom) & (bottom - beside <= 1.5 * SAME_M)
+    return np.where(alike, beside, bottom)
 
 
 def _together(under: NDArray[np.bool_], floor: Array) -> NDArray[np.bool_]:
@@ -151,15 +160,16 @@ def standing_boxes(terrain: ElevationMap, noise_m: float) -> Array:
     low = np.where(known, heights, np.inf)
     beside = minimum_filter(low, size=2 * one + 1, mode="nearest")
     wide = max(3, 2 * int(NARROW_M / spacing / 2) + 1)
-    opened = maximum_filter(
-        np.where(known, minimum_filter(low, size=wide, mode="nearest"), -np.inf), size=wide, mode="nearest"
-    )
+    ground = np.pad(known, wide, constant_values=True)  # as if the ground went on beyond the border
+    lowest = minimum_filter(np.pad(low, wide, constant_values=np.inf), size=wide)
+    lowest = np.where(ground & np.isfinite(lowest), lowest, -np.inf)
+    opened = maximum_filter(lowest, size=wide)[wide:-wide, wide:-wide]
     with np.errstate(invalid="ignore"):
         wall = known & (heights - beside > max(WALL_M, NOISES * noise_m))
         narrow = known & (heights - opened > max(HIGH_M, NOISES * noise_m))
-    ground = np.minimum(beside, np.where(narrow, opened, np.inf))
     solid = wall | narrow
-    bottom, top = np.where(solid, ground, np.inf), np.where(solid, heights - SUNK_M, -np.inf)
+    floor = np.minimum(beside, np.where(narrow, opened, np.inf))
+    bottom, top = np.where(solid, floor, np.inf), np.where(solid, heights - SUNK_M, -np.inf)
     corner = np.array([terrain.x_m[0], terrain.y_m[0]]) - 0.5 * spacing
     return covered(bottom, top, corner, spacing)
 
