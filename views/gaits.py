@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,10 +29,11 @@ from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .robots import RobotShape, bent, faded, single_body
 from .scene import UP, Animation, Arrow, Colour, DrawnBody, Label, Path, Scene, Sheet
-from .shapes import disc, polyline, unit
+from .shapes import dashes, disc, lines_told, polyline, unit
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
+    GUIDE,
     INK,
     SIZE_PX,
     Size,
@@ -135,13 +138,27 @@ class GaitView:
         """Terrain, the lines on it, and the torso's path."""
         cell = float(np.max(self.bounds_m[1] - self.bounds_m[0])) / CELLS
         torso = self.trajectory.torso_m[:: max(1, self.trajectory.samples // 150)]
+        lines = self.ways_m
+        ways = [
+            Path(pieces_m=dashes(line), colour=GUIDE, opacity=shown, width=1.2, lift_m=0.02)
+            for line, shown in zip(lines, [*[0.35] * (len(lines) - 1), 0.9], strict=False)
+        ]
         return Scene(
             sheets=self.ground,
             paths=[
                 Path(pieces_m=self.lines(), colour=GRID, opacity=0.35, width=0.6, lift_m=0.8 * cell),
+                *ways,
                 Path(pieces_m=polyline(torso), colour=INK, width=2.0, lift_m=0.02),
             ],
         )
+
+    @property
+    def ways_m(self) -> list[Array]:
+        """Guide paths of a walk in pieces, shape (L, 3) each [m]: those that were left for another, and the last."""
+        told = self.trajectory.provenance.get("guide_m", "")
+        with suppress(ValueError, RecursionError):
+            return lines_told(json.loads(told)) if isinstance(told, str) else []
+        return []
 
     @cached_property
     def footholds(self) -> list[tuple[int, DrawnBody]]:
@@ -272,7 +289,9 @@ class GaitView:
     @property
     def legend(self) -> list[tuple[Colour, str]]:
         """What colours mean, for a page."""
-        return [(ACCENT, "contact forces"), *((leg_colour(k), limb) for k, limb in enumerate(self.shape.limbs))]
+        guide = [(GUIDE, "guide path, dashed; ways that were tried, faint")] if self.ways_m else []
+        legs = [(leg_colour(k), limb) for k, limb in enumerate(self.shape.limbs)]
+        return [(ACCENT, "contact forces"), *guide, *legs]
 
 
 @DEFAULT_STYLE
@@ -299,6 +318,7 @@ def draw_motion(
           for k, limb in enumerate(view.shape.limbs)),
         *([Entry(text="* adhesive")] if sticky.any() else []),
         Entry(text=f"{'grid' if warp is None else 'lines of the map'}, {GRID_M:g} m", sign="line", colour=GRID),
+        *([Entry(text="guide path", sign="line", colour=GUIDE)] if view.ways_m else []),
     ]  # fmt: skip
     draw_legend(figure, 12.0, entries)
     made = trajectory.provenance.get("chart", "")

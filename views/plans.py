@@ -28,10 +28,11 @@ from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .robots import RobotShape, climber, cone, cone_body, limb_of_three
 from .scene import ON_M, Animation, Colour, DrawnBody, Label, Layer, Path, Scene
-from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
+from .shapes import Mesh, Sphere, dashed, hull, lines_told, polyline, ring, unit
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
+    GUIDE,
     INK,
     SIZE_PX,
     Size,
@@ -45,7 +46,7 @@ from .still import Still
 from .terrain import ICE, ICE_EDGE, ICY, SCALE, patches, tint
 from .video import Frame
 
-GOAL, SUPPORT, GUIDE = "#e8a317", "#2a7f62", "#3f6fb5"
+GOAL, SUPPORT = "#e8a317", "#2a7f62"
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
@@ -156,9 +157,7 @@ class PlanView:
     @property
     def tried_m(self) -> list[Array]:
         """Nominal paths of the body that were tried, and left for others, shape (L, 3) each [m]."""
-        told = self.plan.provenance.get("tried_m", [])
-        lines = [np.asarray(line, dtype=np.float64) for line in told] if isinstance(told, list) else []
-        return [line for line in lines if line.ndim == 2 and line.shape[1] == 3 and len(line) > 1]
+        return lines_told(self.plan.provenance.get("tried_m"))
 
     def chosen_at(self, now: Samples) -> list[DrawnBody]:
         """The chosen patches that feet stand on in full colour; of the others ``fixed`` has the outlines."""

@@ -145,6 +145,8 @@ class Rows(Generic[D]):
         else:
             self._update(self._solver, data)
         answer = self._solver.solve()
+        if not self._keep:  # its factors are most of a long course's memory
+            self._solver = None
         said = answer.status
         if said not in STATUS:  # rare: ask again, with refined steps
             hessian, q, matrix, b = self.load(data)

@@ -174,14 +174,16 @@ def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: S
     raise first
 
 
-def guide_over(heights: HeightField, footprint: Footprint, ends_m: Array, friction: float) -> tuple[GuidePath, bool]:
+def guide_over(
+    heights: HeightField, footprint: Footprint, ends_m: Array, friction: float, avoid_m: Sequence[Array] = ()
+) -> tuple[GuidePath, bool]:
     """The same over heights, where ground that is steeper than friction holds is no foothold, and what is higher than
     the robot's belly is a wall, as bars overhead are; and whether the straight way is as good."""
     first: InvalidInput | PlanningFailed | None = None
     for apart in APART:
         lattice = _Lattice.on(heights, footprint, apart, friction)
         try:
-            found = lattice.way(ends_m[0], ends_m[1], ())
+            found = lattice.way(ends_m[0], ends_m[1], avoid_m)
         except (NoPlace, PlanningFailed) as error:
             first = first or error
             continue
@@ -242,12 +244,7 @@ class _Lattice:
         stood = cls._stood(np.where(steep, np.nan, ground), low, spacing, footprint, apart)
         blocked = np.full(ground.shape, -1)
         for number in reversed(range(len(ROOMS))):
-            hull = footprint.grown(ROOMS[number][0])
-            size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
-            line = spacing * np.arange(-size, size + 1)
-            normals, offsets = half_planes(hull)
-            mask = np.all(np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1)
-            highest = maximum_filter(ground, footprint=mask, mode="nearest")
+            highest = _highest(ground, footprint.grown(ROOMS[number][0]), spacing)
             blocked[highest > stood["z_m"] + footprint.low_m] = number
         none = np.full(ground.shape, -1)
         return cls(**stood | _worth(stood["worth"], blocked), by=none, layered=False, surfaces=(), heights_m=ground)
@@ -486,10 +483,7 @@ class _Lattice:
         return self._named(max(found)[1], place, body_z) if found else ""
 
     def _widest(self, ends: list[int]) -> str:
-        """How wide the widest gap is, where a narrower robot would have a way; empty where none would, and of heights,
-        where a gap may be narrower than their grid shows."""
-        if self.heights_m is not None:
-            return ""
+        """How wide the widest gap is, where a narrower robot would have a way; empty where none would."""
         low, high = 0.0, 1.0
         heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
         corners, places = self._border, self._places()
@@ -499,9 +493,13 @@ class _Lattice:
             inside = np.all(
                 (places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]), axis=-1
             )
-            blocked, _ = _room(
-                self.surfaces, self.footprint, heights, self.corner_m, self.spacing_m, rooms=(0.0,), scale=scale
-            )
+            if self.heights_m is None:
+                blocked, _ = _room(
+                    self.surfaces, self.footprint, heights, self.corner_m, self.spacing_m, rooms=(0.0,), scale=scale
+                )
+            else:
+                high_m = _highest(self.heights_m, self.footprint.grown(0.0, scale), self.spacing_m)
+                blocked = np.where(high_m > heights + self.footprint.low_m, 0, -1)
             parts = np.asarray(label(inside & (blocked != 0))[0]).ravel()
             return bool(parts[ends[0]] == parts[ends[1]] > 0)
 
@@ -573,6 +571,15 @@ def _room(
             hit = within & (top > body + footprint.low_m) & (bottom < body + footprint.high_m)
             blocked[window][hit], by[window][hit] = number, i
     return blocked, by
+
+
+def _highest(heights: Array, hull: Array, spacing: float) -> Array:
+    """The highest of the heights below a hull about every node, shape (n, m) [m]."""
+    size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
+    line = spacing * np.arange(-size, size + 1)
+    normals, offsets = half_planes(hull)
+    mask = np.all(np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1)
+    return np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
 
 
 def _covered(

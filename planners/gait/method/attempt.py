@@ -25,7 +25,8 @@ from ..task import GaitSettings
 
 Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
 """Called at every iteration with the attempt, the iteration over all its solves, the largest violation, the cost and
-the phase, ``feasible``, ``smooth`` or ``densify``; may return True to stop."""
+the phase, ``feasible``, ``smooth`` or ``densify``, after "piece 2 of 9, " where there are some; may return True to
+stop."""
 Homotopy = Literal["height", "smoothing"]
 """What makes a terrain gentler: lower heights, or a Gaussian."""
 
