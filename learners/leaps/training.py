@@ -36,7 +36,7 @@ for _k, _name in enumerate(OF_CANDIDATE):
 
 @dataclass(frozen=True, kw_only=True)
 class ScorerSettings:
-    """How a scorer is learned.
+    """Settings of learning a scorer.
 
     width, layers: size of a set network. epochs: passes over the tries. batch: scenes per step. rate: of AdamW; decay:
     of its weights. held_out: share of the scenes by which the best pass is chosen. ranking: weight of the loss that

@@ -60,7 +60,8 @@ def plan_html(plan: Plan | LeapPlan) -> str:
 
 
 def walk_html(walk: Trajectory) -> str:
-    """Where the feet of a walk stand, what they carry at its middle, and the way of the torso."""
+    """Picture of where the feet of a walk stand and what they carry at its middle, and of the way
+    of the torso."""
     middle = len(walk.times_s) // 2
     stands = walk.contact[middle]
     toes, forces = walk.feet_m[middle][stands], walk.forces_n[middle][stands]
@@ -102,7 +103,8 @@ def _svg(polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> s
 
 
 def _seen(points: Array) -> tuple[Array, Array]:
-    """Where points are in the picture, shape (K, 2), and how far away, shape (K,)."""
+    """Places of points in the picture, shape (K, 2), and their distances from the eye, shape (K,).
+    """
     ca, sa, ce, se = np.cos(AZIMUTH_RAD), np.sin(AZIMUTH_RAD), np.cos(ELEVATION_RAD), np.sin(ELEVATION_RAD)
     x, y, z = points.T
     right, ahead = -sa * x + ca * y, ca * x + sa * y

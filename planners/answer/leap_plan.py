@@ -69,7 +69,7 @@ class LeapPlan:
         return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """HTML that a notebook shows."""
         from .html import plan_html
 
         return plan_html(self)
