@@ -129,7 +129,7 @@ def success_table(records: list[dict[str, Any]]) -> Table:
     terrains = list(dict.fromkeys(record["terrain"] for record in records))
     found = Table(
         title="Table I",
-        caption="success % / verified %, of as many cells; (success % of Pan et al.); ! n: n cells were cut off by --cap; "
+        caption="success % / verified %, of as many cells; (% of Pan et al.); ! n: n cells were cut off by --cap; "
         "–: not measured",
     )
     found.add_column("method", no_wrap=True)

@@ -29,7 +29,7 @@ SAME = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _RobotKeys:
+class _RobotNumbers:
     """The keys of a robot: its limbs, and what makes its legs.
 
     name: a word. mass_kg: of all of it. limbs: one or more. identity: of the model that it is of. model: of its own
@@ -98,7 +98,7 @@ class Robot:
         ('L0', 'L1', 'L2')
     """
 
-    KEYS: ClassVar = _RobotKeys
+    KEYS: ClassVar = _RobotNumbers
 
     name: str
     mass_kg: float
