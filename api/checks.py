@@ -239,7 +239,7 @@ def check_answers(
 
 
 def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
-    """What is said of an answer; of one that lacks its evidence, that."""
+    """Verdict on an answer; where the answer lacks its evidence, the verdict says so."""
     answer, status = answer_from_json(claim, problem), _status(claim)
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:

@@ -76,7 +76,7 @@ class GaitView:
 
     @cached_property
     def shape(self) -> RobotShape:
-        """What the robot looks like; its size is the height at which it stands."""
+        """Shape of the robot; its size is the height at which it stands."""
         return single_body(self.trajectory.robot)
 
     @property
@@ -176,7 +176,7 @@ class GaitView:
 
     @cached_property
     def motion(self) -> Motion:
-        """What ``run`` streams, at rest before and after the walk."""
+        """Motion that ``run`` streams, at rest before and after the walk."""
         return self.moves_as or streamed(self.trajectory)
 
     def limbs(self, sample: int) -> list[Array]:
@@ -283,7 +283,7 @@ class GaitView:
 
     @property
     def title(self) -> str:
-        """Who walks where."""
+        """Title: the robot and the terrain."""
         return f"{self.trajectory.robot.name} over {self.trajectory.terrain.name or 'a terrain'}"
 
     @property
@@ -305,9 +305,10 @@ def draw_motion(
 ) -> Figure:
     """Draw a trajectory over its terrain: the robot at a few moments with its contact forces, and every foothold.
 
-    warp: the map of a warped space, whose lines of constant x̄ and ȳ are drawn on the terrain (paper W Fig. 3); without
-    one they are those of x and y. report: what the verifier says, put below the title. size_px: width and height.
-    Raises InvalidInput for a trajectory of no samples or with values that are not finite.
+    warp: the map of a warped space, whose lines of constant x̄ and ȳ are drawn on the terrain (Pan
+    et al. Fig. 3); without one they are those of x and y. report: what the verifier says, put below
+    the title. size_px: width and height. Raises InvalidInput for a trajectory of no samples or with
+    values that are not finite.
     """
     view, figure = GaitView(trajectory, warp), sheet(size_px)
     scale = Still(view.scene(), view.camera).paint(plain_axes(figure, 18.0, 66.0, 88.0))

@@ -70,7 +70,7 @@ class PlanView:
 
     @cached_property
     def motion(self) -> Motion:
-        """What ``run`` streams."""
+        """Motion that ``run`` streams."""
         return streamed(self.plan)
 
     @cached_property
@@ -87,7 +87,7 @@ class PlanView:
 
     @cached_property
     def shape(self) -> RobotShape:
-        """What the robot looks like."""
+        """Shape of the robot."""
         return self.drawn_as or climber(self.plan.problem.robot)
 
     @cached_property
@@ -165,7 +165,7 @@ class PlanView:
 
     @cached_property
     def colours(self) -> list[str]:
-        """Of the limb of every foothold."""
+        """Colour of the limb of every foothold."""
         names = self.plan.problem.robot.limb_names
         return [leg_colour(names.index(put.limb)) for put in self.plan.problem.footholds]
 
@@ -184,7 +184,8 @@ class PlanView:
     _windows = cached_property(lambda self: dict[int, DrawnBody]())
 
     def limbs(self, now: Samples) -> Sequence[Array]:
-        """What moves each limb: angles of a URDF's; else where its joints are, shape (J, 3) [m], the foot last.
+        """Poses of the limbs: angles of a URDF's; else where its joints are, shape (J, 3) [m], the
+        foot last.
 
         Where no angles are known they are found, and those of limbs without a file are a guess, for the eye.
         """
@@ -216,7 +217,8 @@ class PlanView:
             return None
 
     def _body(self, now: Samples) -> tuple[Array, Array]:
-        """Where the body is drawn, p_WB and R_WB: where its link is, or else at the centre of mass."""
+        """Pose in which the body is drawn, p_WB and R_WB: where its link is, or else at the centre
+        of mass."""
         turn = rotation_of(now.rotation_rad)
         if now.origin_m is None:
             return now.com_m, turn
@@ -236,7 +238,8 @@ class PlanView:
         return Scene(bodies=bodies, arrows=arrows, paths=self.support(now))
 
     def support(self, now: Samples) -> list[Path]:
-        """Where the centre of mass may be before its contacts no longer carry it, and where it is, at their height."""
+        """Region in which the centre of mass may be before its contacts no longer carry it, and
+        where it is, at their height."""
         frame, standing = int(now.frame + 1e-9), now.toes_m[now.stands]
         region = self._region(frame)
         if not len(region) or not len(standing):
@@ -321,7 +324,7 @@ class PlanView:
 
     @property
     def legend(self) -> list[tuple[Colour, str]]:
-        """What colours mean, for a page."""
+        """Legend of the colours, for a page."""
         rows = [
             (INK, "path of the centre of mass"),
             (GUIDE, "guide path, dashed; ways that were tried, faint"),

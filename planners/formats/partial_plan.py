@@ -1,4 +1,4 @@
-"""What an interrupted plan of a long course keeps: the plan of its beginning, in NAME.partial.json."""
+"""Interrupted plan of a long course: the plan of its beginning, in NAME.partial.json."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ OF_LEAP = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeapFeatures:
-    """What is seen of a leap with one timing before any choice is tried.
+    """Features of a leap with one timing before any choice is tried.
 
     candidates: shape (P, R, F), by foothold and candidate, the F of ``OF_CANDIDATE``, 0 where there is no candidate;
     mask: where there is one, shape (P, R); leap: shape (G,), the G of ``OF_LEAP``.

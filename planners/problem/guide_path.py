@@ -121,7 +121,7 @@ class Footprint:
 
     @property
     def width_m(self) -> float:
-        """Its least width, over all directions [m]."""
+        """Least width over all directions [m]."""
         ahead = np.roll(self.hull_m, -1, axis=0) - self.hull_m
         normals = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1)[:, None]
         along = self.hull_m @ normals.T
@@ -251,7 +251,7 @@ class _Lattice:
 
     @staticmethod
     def _stood(heights: Array, low: Array, spacing: float, footprint: Footprint, apart: float) -> dict[str, Any]:
-        """Where the robot can stand, of footholds' heights at the nodes."""
+        """Places where the robot can stand, of footholds' heights at the nodes."""
         reach, toes = footprint.reach_m, footprint.toes_m
         away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
         aside = spacing * away / (ASIDE * reach)
@@ -273,7 +273,7 @@ class _Lattice:
         }  # fmt: skip
 
     def clear(self, ends_m: Array) -> bool:
-        """Whether the robot can stand, clear of solids, all along a straight way."""
+        """Tell whether the robot can stand, clear of solids, all along a straight way."""
         count = int(np.ceil(np.linalg.norm(ends_m[1] - ends_m[0]) / self.spacing_m)) + 1
         points = ends_m[0] + np.linspace(0.0, 1.0, count)[:, None] * (ends_m[1] - ends_m[0])
         i, j = np.round((points - self.corner_m) / self.spacing_m).astype(int).T
@@ -281,7 +281,7 @@ class _Lattice:
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """Where the robot can stand, clear of solids."""
+        """Nodes where the robot can stand, clear of solids."""
         return np.asarray(np.isfinite(self.z_m) & (self.room != 0))
 
     def way(self, start: Array, goal: Array, avoid_m: Sequence[Array]) -> GuidePath:
@@ -347,7 +347,7 @@ class _Lattice:
         return np.concatenate(parts), np.concatenate(rooms)
 
     def _places(self) -> Array:
-        """Of the nodes, shape (n, m, 2) [m]."""
+        """Places of the nodes, shape (n, m, 2) [m]."""
         i, j = np.meshgrid(*map(np.arange, self.z_m.shape), indexing="ij")
         return np.asarray(self.corner_m + self.spacing_m * np.stack([i, j], axis=-1))
 
@@ -416,7 +416,7 @@ class _Lattice:
         return float(self.z_m.ravel()[int(gaps.argmin())]) - down
 
     def _named(self, number: int, place: Array, body_z: float) -> str:
-        """What a surface is, for people: wall or bar, where, and how high."""
+        """Words for a surface: wall or bar, where, and how high."""
         ground = body_z - float(np.abs(self.footprint.toes_m[:, 2]).mean())
         if self.heights_m is not None:
             off = np.linalg.norm(self._places() - place, axis=-1)
@@ -434,7 +434,7 @@ class _Lattice:
         return f"wall {at}, {high - ground:.2g} m high"
 
     def _refusal(self, start: Array, goal: Array, ends: list[int]) -> str:
-        """What is in the way, where every way is barred."""
+        """Refusal that says what is in the way, where every way is barred."""
         known, free = np.where(np.isfinite(self.z_m), self.z_m, np.nanmean(self.z_m)), self.free
         barred = replace(self, z_m=np.full_like(known, float(np.nanmean(self.z_m))))
         through = barred._cheapest(ends, np.ones_like(free), np.where(free, 1.0, 30.0))
@@ -531,7 +531,7 @@ class _Lattice:
 
 
 def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
-    """What a way costs by its length where there is so much room."""
+    """Cost of a way by its length where there is so much room."""
     for number, (_, factor) in enumerate(ROOMS):
         if np.isfinite(factor):
             worth = np.where(blocked == number, factor * worth, worth)
@@ -585,7 +585,7 @@ def _highest(heights: Array, hull: Array, spacing: float) -> Array:
 def _covered(
     patch: Patch, hull: Array, low: Array, spacing: float, shape: tuple[int, ...]
 ) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
-    """Which nodes of a window are in the sum of a surface, from above, and a hull."""
+    """Nodes of a window that are in the sum of a surface, from above, and a hull."""
     area = _hull((patch.vertices_m[:, None, :2] + hull).reshape(-1, 2))
     first = np.clip(np.ceil((area.min(axis=0) - low) / spacing).astype(int), 0, shape)
     last = np.clip(np.floor((area.max(axis=0) - low) / spacing).astype(int) + 1, first, shape)

@@ -43,7 +43,8 @@ Detour = Callable[[Standing, "list[Array]"], Problem]
 
 
 class Kept(Protocol):
-    """What keeps the plan of a course's beginning, so that an interrupted run can go on (``formats.partial_plan``)."""
+    """Keeper of the plan of a course's beginning, so that an interrupted run can go on
+    (``formats.partial_plan``)."""
 
     def begun(self, course: Problem) -> Plan | None:
         """The plan of the course's beginning that is kept."""
@@ -76,7 +77,7 @@ class Pieces:
 
 
 def in_pieces(course: Problem) -> bool:
-    """Whether a course is planned in pieces."""
+    """Tell whether a course is planned in pieces."""
     return course.frames > LONG and not course.has_soles and not course.uncarried
 
 

@@ -281,7 +281,8 @@ def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Arr
 
 
 def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
-    """Of every surface its plane (a, b, c) with i and j in cells, shape (S, 3), rms, and how many heights."""
+    """Plane (a, b, c) of every surface with i and j in cells, shape (S, 3), rms, and the number of
+    heights."""
     i, j = np.nonzero(labels >= 0)
     number = labels[i, j]
     count = int(labels.max(initial=-1)) + 1

@@ -27,7 +27,8 @@ ITERATIONS, TOTAL_S = 80, 120.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkAnswer:
-    """What is known of a walk: how far its planning is, or what came of it. seconds: since it was begun."""
+    """Answer about a walk: how far its planning is, or what came of it. seconds: since it was
+    begun."""
 
     done: bool
     message: str
@@ -37,7 +38,7 @@ class WalkAnswer:
 
     @property
     def accepted(self) -> bool:
-        """Whether the verifier accepts it."""
+        """Tell whether the verifier accepts it."""
         return self.report is not None and self.report.accepted
 
 

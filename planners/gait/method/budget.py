@@ -1,4 +1,5 @@
-"""What a plan has spent: every solve goes through one budget, which records it, holds it to its caps and shows it."""
+"""Budget of a plan: every solve goes through one budget, which records it, holds it to its caps and
+shows it."""
 
 from __future__ import annotations
 

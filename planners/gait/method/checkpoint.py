@@ -1,4 +1,5 @@
-"""What an interrupted run keeps: where every attempt stood, beside the file that the run was to write."""
+"""Checkpoint of an interrupted run: where every attempt stood, beside the file that the run was to
+write."""
 
 from __future__ import annotations
 
@@ -60,12 +61,13 @@ class Checkpoint:
         self._write()
 
     def begin(self, index: int) -> tuple[Array | None, int]:
-        """Where to begin this attempt: a point, None for its own guess, and the stage; ``FAILED`` for one that did."""
+        """Beginning of this attempt: a point, None for its own guess, and the stage; ``FAILED`` for
+        one that did."""
         stage, point = self._points.get(index, (0, np.zeros(0)))
         return (point if point.size else None), stage
 
     def done(self, index: int) -> bool:
-        """Whether this attempt came to its end with success."""
+        """Tell whether this attempt came to its end with success."""
         return index in self._done
 
     def keep(self, index: int, found: Attempted) -> None:

@@ -96,7 +96,7 @@ def pieces_of(task: Walk, path: GuidePath) -> list[Walk]:
 
 
 def _lasting(seconds: float) -> float:
-    """So long, to ``EVEN_S`` and no shorter than a piece may be [s]."""
+    """Duration, rounded to ``EVEN_S`` and no shorter than a piece may be [s]."""
     return max(LEAST_S, EVEN_S * round(seconds / EVEN_S))
 
 
