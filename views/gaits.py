@@ -288,7 +288,7 @@ class GaitView:
 
     @property
     def legend(self) -> list[tuple[Colour, str]]:
-        """What colours mean, for a page."""
+        """Legend of the colours, for a page."""
         guide = [(GUIDE, "guide path, dashed; ways that were tried, faint")] if self.ways_m else []
         legs = [(leg_colour(k), limb) for k, limb in enumerate(self.shape.limbs)]
         return [(ACCENT, "contact forces"), *guide, *legs]

@@ -90,16 +90,21 @@ def _room(name: str) -> str:
     for command in dict.fromkeys(line["command"] for line in own if "said" not in line):
         mine = [line for line in own if line["command"] == command]
         text += ["```sh", command, "```", ""]
-        text += [f"{mine[0]['environment']}, {mine[0]['scenes']} scenes; oracle: {mine[0]['oracle_budget']}; learned:",
-                 f"{mine[0]['learned_by'] or 'nothing'}. Shares in percent, differences in points, with 95 % intervals;",
-                 "gains are paired over the scenes. *again*: the oracle with other seeds.", ""]  # fmt: skip
+        first = mine[0]
+        text += [
+            f"{first['environment']}, {first['scenes']} scenes; oracle: {first['oracle_budget']}; learned:",
+            f"{first['learned_by'] or 'nothing'}. Shares in percent, differences in points, with 95 % intervals;",
+            "gains are paired over the scenes. *again*: the oracle with other seeds.",
+            "",
+        ]
         text += ["| budget | random | best unlearned control | learned | learned − control | oracle | again | room |"]
         text += ["|---|---|---|---|---|---|---|---|"]
         for line in mine:
             shares = {key: _share(line[key], 100.0) for key in ("random", "control", "learned", "oracle", "again")}
             gain = "–" if line["gain"] is None else _share(line["gain"], 1.0, "+.1f")
-            text += [f"| {line['budget']} | {shares['random']} | {shares['control']} ({line['controlled_by']}) | "
-                     f"{shares['learned']} | {gain} | {shares['oracle']} | {shares['again']} | {line['room']:.0f} |"]  # fmt: skip
+            cells = [line["budget"], shares["random"], f"{shares['control']} ({line['controlled_by']})"]
+            cells += [shares["learned"], gain, shares["oracle"], shares["again"], f"{line['room']:.0f}"]
+            text += [f"| {' | '.join(map(str, cells))} |"]
         text += [""]
     text += [f"{line['said']}\n" for line in own if "said" in line]
     return "\n".join(text)

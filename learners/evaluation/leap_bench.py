@@ -261,7 +261,7 @@ def name_of(method: str) -> str:
 
 
 def is_scorer(method: str) -> bool:
-    """Whether it is a file of learned scores, or the name of one that ships."""
+    """Tell whether it is a file of learned scores, or the name of one that ships."""
     return method.endswith(SCORER) or method in shipped_scorers()
 
 

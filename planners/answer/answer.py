@@ -135,7 +135,7 @@ class Answer(Generic[S]):
         return f"Answer({self.status.value} by {self.method}{': ' if said else ''}{said})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """HTML that a notebook shows."""
         from .html import status_html
 
         parts = [part for part in (self.solution, self.report) if part is not None]

@@ -83,7 +83,7 @@ class Plan:
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the first stance over the patches that are taken, and the way of the body."""
+        """HTML that a notebook shows: the first stance over the patches that are taken, and the way of the body."""
         from .html import stance_html
 
         problem, first = self.problem, self.problem.holds[0]

@@ -193,7 +193,7 @@ class Report(Generic[S]):
         return f"Report({self.message})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """HTML that a notebook shows."""
         from .html import MOST_ROWS, groups_html
 
         rows = (

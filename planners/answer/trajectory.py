@@ -105,7 +105,7 @@ class Trajectory:
         return f"Trajectory({self.robot.name}{over}: {self.duration_s:.3g} s in {self.samples} samples)"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: where feet stand, what they carry at the middle, and the way of the torso."""
+        """HTML that a notebook shows: where feet stand, what they carry at the middle, and the way of the torso."""
         from .html import mark, stance_html
 
         middle, step = self.samples // 2, max(1, self.samples // 100)

@@ -75,7 +75,7 @@ class LeapFeatures:
         )  # fmt: skip
 
     def padded(self, options: int) -> LeapFeatures:
-        """The same with room for more candidates per foothold, which are masked."""
+        """Features with room for more candidates per foothold, which are masked."""
         more = [(0, 0), (0, options - self.mask.shape[1])]
         return LeapFeatures(
             candidates=np.pad(self.candidates, [*more, (0, 0)]), mask=np.pad(self.mask, more), leap=self.leap

@@ -177,8 +177,9 @@ def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: S
 def guide_over(
     heights: HeightField, footprint: Footprint, ends_m: Array, friction: float, avoid_m: Sequence[Array] = ()
 ) -> tuple[GuidePath, bool]:
-    """The same over heights, where ground that is steeper than friction holds is no foothold, and what is higher than
-    the robot's belly is a wall, as bars overhead are; and whether the straight way is as good."""
+    """Guide path over heights, and whether the straight way is as good. Ground that is steeper than
+    friction holds is no foothold; what is higher than the robot's belly is a wall, as bars overhead
+    are."""
     first: InvalidInput | PlanningFailed | None = None
     for apart in APART:
         lattice = _Lattice.on(heights, footprint, apart, friction)
@@ -483,7 +484,7 @@ class _Lattice:
         return self._named(max(found)[1], place, body_z) if found else ""
 
     def _widest(self, ends: list[int]) -> str:
-        """How wide the widest gap is, where a narrower robot would have a way; empty where none would."""
+        """Width of the widest gap, where a narrower robot would have a way; empty where none would."""
         low, high = 0.0, 1.0
         heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
         corners, places = self._border, self._places()

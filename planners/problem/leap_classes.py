@@ -180,7 +180,7 @@ def leap_class(name: str) -> LeapClass:
 
 
 def is_leap_class(name: str) -> bool:
-    """Whether a name, or a file's, speaks of a class of leaps, be there one or not."""
+    """Tell whether a name, or a file's, speaks of a class of leaps, be there one or not."""
     last = Path(name).name
     return last == "leap" or last.startswith("leap-")
 

@@ -219,7 +219,7 @@ def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
 
 
 def connected(pairs: NDArray[np.int_], size: int) -> tuple[int, NDArray[np.int_]]:
-    """How many parts hang together by pairs, shape (K, 2), and the part of each of so many, shape (size,)."""
+    """Number of parts that hang together by pairs, shape (K, 2), and the part of each of so many, shape (size,)."""
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
     number, group = connected_components(graph, directed=False)
     return int(number), np.asarray(group)

@@ -1,4 +1,4 @@
-"""What stands on the ground of a map, and what hangs over that of a cloud, as boxes: a map holds one height per cell,
+"""Boxes that stand on the ground of a map, or hang over that of a cloud: a map holds one height per cell,
 so that footholds alone are surfaces of it, and walls, poles and bars overhead would be nothing.
 
 1. Points of a cloud over a free height of ``FREE_M`` hang over the ground; what is below them is the ground there.
@@ -61,7 +61,7 @@ class Overhead:
 
     @classmethod
     def of(cls, points_m: Array, spacing_m: float) -> Overhead | None:
-        """What hangs over the ground of a cloud; None for nothing."""
+        """Points that hang over the ground of a cloud; None for nothing."""
         places = np.round(points_m[:, :2] / spacing_m).astype(np.int64)
         first = places.min(axis=0)
         shape = tuple((places.max(axis=0) - first + 1).tolist())
@@ -191,7 +191,7 @@ def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
 
 
 def _closed(bottom: Array, top: Array) -> tuple[Array, Array]:
-    """The same without gaps of one cell."""
+    """Cells without gaps of one cell."""
     for axis in (0, 1):
         before, after = ((np.roll(each, 1, axis), np.roll(each, -1, axis)) for each in (bottom, top))
         low, high = (np.stack(pair) for pair in (before, after))
@@ -224,7 +224,7 @@ def _rectangles(bottom: Array, top: Array, alike: float) -> Iterator[tuple[float
 
 
 def _run(left: NDArray[np.bool_], i: int, j: int, axis: int) -> int:
-    """How many cells there are from one on along an axis."""
+    """Number of cells from one on along an axis."""
     line = left[i:, j] if axis == 0 else left[i, j:]
     return int(len(line) if line.all() else line.argmin())
 

@@ -90,7 +90,7 @@ class SolveBudget:
 
     @property
     def exhausted(self) -> bool:
-        """Whether there is nothing left to spend, or the caller asked to stop."""
+        """Tell whether there is nothing left to spend, or the caller asked to stop."""
         return self.stopped or self.left_s <= VERDICT_S or self._left <= 0
 
     def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:

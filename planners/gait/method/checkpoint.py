@@ -52,7 +52,7 @@ class Checkpoint:
 
     @property
     def begun(self) -> bool:
-        """Whether something is known of any attempt or piece."""
+        """Tell whether something is known of any attempt or piece."""
         return bool(self._points or self.pieces)
 
     def keep_pieces(self, pieces: Sequence[str], samples: Mapping[str, Array]) -> None:

@@ -212,12 +212,12 @@ class _Way:
 
     @property
     def told(self) -> dict[str, str | float]:
-        """How many pieces there were, and the guide path and the ways that were left for another, for pictures."""
+        """Number of pieces, and the guide path and the ways that were left for another, for pictures."""
         paths = [np.round(points, 3).tolist() for points in self.paths_m]
         return {"pieces": float(self.outcomes.count(DONE)), "guide_m": json.dumps(paths)}
 
     def telling(self, progress: Progress) -> Progress:
-        """The same progress, which is told the piece with the phase."""
+        """Progress that reports the piece with the phase."""
         number = self.outcomes.count(DONE) + 1
         piece = f"piece {number} of {number - 1 + len(self.left)}"
 
