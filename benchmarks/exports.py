@@ -99,8 +99,8 @@ def spoiled(table: MotionTable, how: str, kinematics: Kinematics, terrain: Terra
     hump = np.sin(np.pi * np.clip(np.linspace(-0.5, 1.5, count), 0.0, 1.0)) ** 2
     bare = replace(table, contact=None, forces_n=None, torques_nm=None, rates_rad_s=None)
     if how == "limit":
-        joint = int(np.argmax(np.isfinite(kinematics.upper_rad)))
-        past = kinematics.upper_rad[joint] + BEYOND_RAD - angles[:, joint]
+        joint = int(np.argmax(np.isfinite(kinematics.highest_rad)))
+        past = kinematics.highest_rad[joint] + BEYOND_RAD - angles[:, joint]
         angles[:, joint] += hump * past.max()
         return replace(bare, angles_rad=angles)
     if how == "tip-over":  # the body goes aside, and its feet with it but those that stand: the joints follow
