@@ -42,7 +42,7 @@ MOST_DRAWS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedMotions:
-    """What ``export`` wrote of motions.
+    """Record of the motions that ``export`` wrote.
 
     Arguments:
         paths: the files.
@@ -258,7 +258,8 @@ def _drawn(
 
 
 def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]:
-    """What a folder's ledger says of each draw. Raises InvalidInput for one of other motions."""
+    """Read what a folder's ledger says of each draw. Raises InvalidInput for one of other motions.
+    """
     if not path.exists():
         if any(path.parent.iterdir()):
             raise InvalidInput(

@@ -82,7 +82,8 @@ def _svg(polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> s
 
 
 def _seen(points: Array) -> tuple[Array, Array]:
-    """Where points are in the picture, shape (K, 2), and how far away, shape (K,)."""
+    """Places of points in the picture, shape (K, 2), and their distances from the eye, shape (K,).
+    """
     ca, sa, ce, se = np.cos(AZIMUTH_RAD), np.sin(AZIMUTH_RAD), np.cos(ELEVATION_RAD), np.sin(ELEVATION_RAD)
     x, y, z = points.T
     right, ahead = -sa * x + ca * y, ca * x + sa * y

@@ -69,7 +69,7 @@ class LeapPlan:
         return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the first stance over the patches that are taken, and the way of the body."""
+        """HTML that a notebook shows: the first stance over the patches that are taken, and the way of the body."""
         from .html import stance_html
 
         problem, first = self.problem, self.problem.holds[0]

@@ -189,7 +189,7 @@ def is_plan_file(path: str | Path) -> bool:
 
 
 def _labels(course: Problem) -> dict[str, list[Any]]:
-    """What rows and columns of a plan's arrays are, for whoever reads the file with NumPy alone.
+    """Labels of the rows and columns of a plan's arrays, for whoever reads the file with NumPy alone.
 
     limbs: columns of forces. toes: limb and key frame of every foothold. stances: key frame and limbs of every row of
     forces.

@@ -62,7 +62,7 @@ UNITS = {
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
-    """What a motion may miss by; forces in units of the weight, moments of weight times stand height.
+    """Tolerances for a motion; forces in units of the weight, moments of weight times stand height.
 
     joints: beyond a limit [rad]. joint_speed, torque: shares of what the robot's file gives. contact_gap_m,
     penetration_m: of a foot that stands, of any foot. slip_m: of a standing foot since it came down, of its point of
@@ -143,7 +143,7 @@ class _Worst:
 
     @classmethod
     def of(cls, values: Array, names: Sequence[str], times_s: Array, why: str = "") -> _Worst:
-        """Of a series of shape (T, K), or (T,) of the whole robot."""
+        """Worst of a series of shape (T, K), or (T,) of the whole robot."""
         if values.size == 0:
             return cls(why=why)
         table = values.reshape(len(values), -1)
@@ -209,7 +209,7 @@ class _Measured:
             self.missing["torque"] = "no torques in the file"
 
     def joints(self) -> _Worst:
-        """How far joints are beyond their limits, (T, J)."""
+        """Distance of joints beyond their limits, (T, J)."""
         return _Worst.of(self.kinematics.beyond(self.angles), self.kinematics.joints, self.times_s)
 
     def joint_speed(self) -> _Worst:
@@ -233,11 +233,11 @@ class _Measured:
         return _Worst.of(np.where(self.stands, self.surface[0], 0.0), self.limbs, self.times_s)
 
     def penetration(self) -> _Worst:
-        """How deep feet are in the terrain, (T, N)."""
+        """Depth of feet in the terrain, (T, N)."""
         return _Worst.of(-self.surface[0], self.limbs, self.times_s)
 
     def slip(self) -> _Worst:
-        """How far feet moved along the terrain since they came down, (T, N): the lesser of contact point and centre.
+        """Way of feet along the terrain since they came down, (T, N): of the contact point or the centre, whichever is less.
 
         A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is how far the point of
         contact slid. Planners that take feet for points keep the centre where it is, and their feet stand, too.
@@ -259,17 +259,18 @@ class _Measured:
         return _Worst.of(far, self.limbs, self.times_s)
 
     def balance(self) -> _Worst:
-        """What no forces within the cones give of what the motion needs, (T − 2,)."""
+        """Part of the force and moment that the motion needs and that no forces within the cones give, (T − 2,)."""
         return _Worst.of(self._windowed(self._lacks), (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
-        """What the table's forces lack of what the motion needs, (T − 2,)."""
+        """Part of the force and moment that the motion needs and that the table's forces lack, (T −
+        2,)."""
         given = self.known["forces_n"][1:-1]
         arms = self._points[1:-1] - self._com[1:-1, None]
         return _Worst.of(self._windowed(self._residual(given, arms)), (), self.times_s[1:-1])
 
     def cone(self) -> _Worst:
-        """How far the table's forces are outside of their cones, the nearer one where a foot touches two, (T, N)."""
+        """Distance of the table's forces from their cones, the nearer one where a foot touches two surfaces, (T, N)."""
         forces, outside = self.known["forces_n"], np.full(self.stands.shape, np.inf)
         for gap, normals, friction in (self.surface, self._beside):
             along = np.sum(forces * normals, axis=-1)
@@ -339,7 +340,7 @@ class _Measured:
 
     @cached_property
     def stands(self) -> NDArray[np.bool_]:
-        """Which feet stand, by the file or by the distance, shape (T, N)."""
+        """Tell which feet stand, by the file or by the distance, shape (T, N)."""
         if "contact" in self.known:
             return np.asarray(self.known["contact"])
         gap = self.surface[0]
@@ -350,7 +351,7 @@ class _Measured:
 
     @cached_property
     def _points(self) -> Array:
-        """Where feet touch, a radius below their centres, shape (T, N, 3)."""
+        """Points where feet touch, a radius below their centres, shape (T, N, 3)."""
         return np.asarray(self.feet[0] - self.kinematics.radii_m[:, None] * self.surface[1])
 
     @cached_property
@@ -392,7 +393,7 @@ class _Measured:
 
     @cached_property
     def _lacks(self) -> Array:
-        """What the forces within the cones that come nearest to what the motion needs lack, (T − 2,)."""
+        """The same of each row by itself: a program per row finds the forces that come nearest, (T − 2,)."""
         from scipy.optimize import nnls
 
         parts = []

@@ -34,7 +34,7 @@ class Moved:
 
 
 def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
-    """Who moves, what the limbs are called, over what, and how heavy all is."""
+    """Robot that moves, the names of its limbs, the terrain, and the mass of all."""
     match subject:
         case Plan():
             course = subject.problem

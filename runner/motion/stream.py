@@ -80,7 +80,7 @@ def joint_motion(
 def _at_rate(
     timed: TimedMotion[M], kinematics: Kinematics, drives: Drives, rate_hz: float, *, balanced: bool
 ) -> TimedMotion[M]:
-    """The same motion in so many rows per second. balanced: as of ``joint_profile``."""
+    """Convert a motion to this number of rows per second. balanced: as of ``joint_profile``."""
     if rate_hz == RATE_HZ:
         return timed
     wished = timed.profile.wished
