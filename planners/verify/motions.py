@@ -166,6 +166,8 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
     ):
         if not names and kind == "limbs":
             continue
+        if not names:
+            raise InvalidInput("motion: expected angles of the joints, got none")
         if set(names) != set(own):
             odd = sorted(set(names) ^ set(own))
             which = "it lacks" if odd[0] in own else "the robot has no"
@@ -237,7 +239,7 @@ class _Measured:
         return _Worst.of(-self.surface[0], self.limbs, self.times_s)
 
     def slip(self) -> _Worst:
-        """Way of feet along the terrain since they came down, (T, N): of the contact point or the centre, whichever is less.
+        """Way of feet along the terrain since they came down, (T, N): of contact points or centres, whichever is less.
 
         A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is how far the point of
         contact slid. Planners that take feet for points keep the centre where it is, and their feet stand, too.

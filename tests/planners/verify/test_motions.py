@@ -166,6 +166,8 @@ def test_other_joints_are_refused_by_name(moved: Moved) -> None:
         judged(replace(moved.table, joints=("arm", *moved.table.joints[1:])), moved)
     with pytest.raises(InvalidInput, match="angles of the joints"):
         judged(replace(moved.table, angles_rad=None), moved)
+    with pytest.raises(InvalidInput, match=r"^motion: expected angles of the joints, got none$"):
+        judged(replace(moved.table, joints=(), angles_rad=None, rates_rad_s=None, torques_nm=None), moved)
 
 
 def test_a_ball_over_a_patch_its_edge_and_heights() -> None:
