@@ -6,7 +6,8 @@ Every file of a plan or a walk is exported and the export verified, by the funct
 table that was exported: the same verdict, and figures within 1e-6; once more without contacts and forces: the same
 verdict per group where it is known; and four times spoiled, each of which has to be found: a foot that slips by 40 mm
 along x where it stands, a foot that goes 30 mm into what it stands on, a joint 0.05 rad beyond its limit, a body 60 mm
-beside the outermost foot that stands, which tips over. A motion without joints is named and left out. FILEs are what ``stancekit plan`` and ``gait`` write.
+beside the outermost foot that stands, which tips over. A motion without joints is named and left out. FILEs are what
+``stancekit plan`` and ``gait`` write.
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ from ..robot.model import Robot
 from ..robot.overlaps import WholeBody
 from ..robot.urdf_reader import at_rest, base_joint
 from ..terrain.ground import Ground
+from ..terrain.heightfield import HeightField
 from ..terrain.obstacles import Obstacles
 from ..terrain.patch import Patch
 from .bodies import bodies_report, spaced
@@ -42,6 +43,8 @@ WINDOW_S = 0.2
 """Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
 EDGES = 8
 """Of the pyramid in a friction cone."""
+NARROW_M = 0.01
+"""Under feet that are smaller, the nearest point of heights is looked for so far around."""
 OTHERWISE = 0.99
 """Surfaces whose normals have a greater cosine than this between them lean alike."""
 UNITS = {
@@ -427,11 +430,11 @@ def nearest(terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array)
         centres_m, radii_m: of the balls, shape (K, 3), (K,).
     """
     if isinstance(terrain, Ground):
-        heights, touching = terrain.heights, centres_m.copy()
-        for _ in range(5):  # the ball touches below its centre along the normal there
-            normal = heights.normal(touching[:, :2])
-            touching = centres_m - radii_m[:, None] * normal
-        return -terrain.depth(touching), normal, np.full(len(centres_m), terrain.friction)
+        place, normal = _nearest_on(terrain.heights, centres_m, radii_m)
+        height = terrain.heights.height(centres_m[:, :2])
+        far = np.linalg.norm(centres_m - place, axis=1)
+        gap = np.where(centres_m[:, 2] < height, -far, far) - radii_m
+        return gap, normal, np.full(len(centres_m), terrain.friction)
     best, side = np.full(len(centres_m), np.inf), np.zeros(len(centres_m))
     normals, friction = np.tile([0.0, 0.0, 1.0], (len(centres_m), 1)), np.ones(len(centres_m))
     for patch in terrain:
@@ -442,6 +445,40 @@ def nearest(terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array)
         normals = np.where(better[:, None], patch.normal, normals)
         friction = np.where(better, patch.friction, friction)
     return np.where(side < 0.0, -best, best) - radii_m, normals, friction
+
+
+def _nearest_on(heights: HeightField, centres: Array, radii: Array) -> tuple[Array, Array]:
+    """The points of a height field that are nearest to balls, and the normals there, shape (K, 3) each.
+
+    The best of a grid as wide as the ball, and descent from there: beside a step a ball touches elsewhere than below
+    its centre.
+    """
+    steps = np.linspace(-1.0, 1.0, 9)
+    around = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    flat = centres[:, :2]
+    grid = flat[:, None] + np.maximum(radii, NARROW_M)[:, None, None] * around
+    rise = heights.height(grid.reshape(-1, 2)).reshape(grid.shape[:2]) - centres[:, None, 2]
+    chosen = (np.sum((grid - flat[:, None]) ** 2, axis=-1) + rise**2).argmin(axis=1)
+    at = grid[np.arange(len(grid)), chosen]
+
+    def apart(places: Array) -> tuple[Array, Array, Array]:
+        height, slope = heights.height_and_gradient(places)
+        rise = centres[:, 2] - height
+        return np.sum((flat - places) ** 2, axis=1) + rise**2, rise, slope
+
+    best, rise, slope = apart(at)
+    share = np.ones((len(at), 1))
+    for _ in range(12):
+        steepness = 1.0 + np.sum(slope**2, axis=1, keepdims=True)
+        tried = at + share * (flat - at + rise[:, None] * slope) / steepness
+        away, its_rise, its_slope = apart(tried)
+        better = away < best
+        share = np.where(better[:, None], share, 0.5 * share)
+        at, best = np.where(better[:, None], tried, at), np.where(better, away, best)
+        rise, slope = np.where(better, its_rise, rise), np.where(better[:, None], its_slope, slope)
+    normal = np.concatenate([-slope, np.ones((len(at), 1))], axis=1)
+    place = np.concatenate([at, (centres[:, 2] - rise)[:, None]], axis=1)
+    return place, normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:

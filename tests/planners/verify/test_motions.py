@@ -183,6 +183,25 @@ def test_a_ball_over_a_patch_its_edge_and_heights() -> None:
     assert gap[0] == pytest.approx(0.08)
 
 
+def test_a_ball_beside_a_step_of_heights_is_as_near_as_a_fine_grid_says() -> None:
+    x = np.linspace(-0.5, 0.5, 41)
+    step = stancekit.HeightField.from_array(np.where(x[:, None] > 0.0, 0.1, 0.0) * np.ones(41), spacing_m=0.025)
+    rng, radius = np.random.default_rng(0), 0.0265
+    centres = np.stack([rng.uniform(-0.04, 0.06, 40), rng.uniform(-0.1, 0.1, 40), rng.uniform(0.0, 0.16, 40)], axis=1)
+    gap, normal, _ = nearest(Ground(heights=step, friction=0.5), centres, np.full(40, radius))
+    side = np.arange(-0.06, 0.06, 0.001)
+    for centre, its_gap, its_normal in zip(centres, gap, normal, strict=True):
+        places = centre[:2] + np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+        surface = np.column_stack([places, step.height(places)])
+        far = float(np.linalg.norm(surface - centre, axis=1).min())
+        signed = -far if centre[2] < step.height(centre[None, :2])[0] else far
+        if abs(signed) > 1.2 * radius:  # nobody asks how far away a foot in the air is
+            assert its_gap > 0.0 or signed < 0.0
+            continue
+        assert its_gap == pytest.approx(signed - radius, abs=1e-3)
+        assert np.linalg.norm(its_normal) == pytest.approx(1.0)
+
+
 def test_a_walker_without_legs_is_refused() -> None:
     from stancekit.planners.robot.walker import named_walker
 
