@@ -304,11 +304,12 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
     a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
     labels = np.where(np.abs(a * i + b * j + c - heights) <= ALONE * limits.rms_m, labels, -1)
     open_ = np.isfinite(heights) & (labels < 0)
-    for turn in range(half + 3):
-        if turn > half:
+    reach = half + half // 2  # across the grid edges are farther away than along it
+    for turn in range(reach + 3):
+        if turn > reach:
             alike = sum((_shifted(labels, *way) == labels).astype(int) for way in ((0, 1), (0, -1), (1, 1), (1, -1)))
             open_ = np.isfinite(heights) & ((labels < 0) | (alike <= 1))
-        best, least = np.full(labels.shape, -1), np.full(labels.shape, (OFF if turn <= half else ALONE) * limits.rms_m)
+        best, least = np.full(labels.shape, -1), np.full(labels.shape, (OFF if turn <= reach else ALONE) * limits.rms_m)
         votes = np.zeros(labels.shape, dtype=np.int_)
         for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
             near = _shifted(labels, axis, shift)
@@ -318,7 +319,7 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
             votes += near == best
             better = open_ & (near >= 0) & (off < least) & (sizes[of] >= FEWEST_CELLS)
             best[better], least[better] = near[better], off[better]
-        chosen = (best >= 0) if turn <= half else (best >= 0) & (votes >= 2)
+        chosen = (best >= 0) if turn <= reach else (best >= 0) & (votes >= 2)
         labels[chosen] = best[chosen]
         open_ &= ~chosen
     return labels
