@@ -214,7 +214,7 @@ class Tube(TerrainSpec):
 
 class Bars(TerrainSpec):
     """Level bars across the way, flat on top or round, as of a grating or a ladder that lies; one is under the start.
-    bar_m: width of a flat bar, diameter of a round one; margin_m: of feet from the borders of flat bars and from ends."""
+    bar_m: width of a flat bar, diameter of a round one; margin_m: of feet from borders of flat bars and from ends."""
 
     kind: Literal["bars"]
     apart_m: Positive = 0.12
