@@ -79,7 +79,7 @@ class FileTerrain(TerrainSpec):
         return self._counted(read_footholds(folder / self.file, options, self.footholds))
 
     def _counted(self, found: Footholds) -> Footholds:
-        """The same footholds. Raises InvalidInput for too many."""
+        """Check the number of footholds and return them. Raises InvalidInput for too many."""
         if len(found.surfaces) + len(found.pieces) > MOST_PATCHES:
             raise InvalidInput(
                 f"{self.file}: expected at most {MOST_PATCHES} surfaces and footholds, got "

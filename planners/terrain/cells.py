@@ -78,7 +78,7 @@ class GroundCells:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which cells have samples."""
+        """Tell which cells have samples."""
         return np.asarray(self.moments[0] > 0.0)
 
     @property
@@ -95,7 +95,7 @@ class GroundCells:
         return np.where(self.known, self.moments[1] / one, i), np.where(self.known, self.moments[2] / one, j)
 
     def only(self, wanted: NDArray[np.bool_]) -> GroundCells:
-        """The same without the samples of other cells."""
+        """Cells without the samples of other cells."""
         return replace(self, moments=self.moments * wanted)
 
     def noise_m(self) -> float:
@@ -165,8 +165,8 @@ def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
 
 
 def block_squares(labels: Labels, cells: GroundCells, planes: Array, side: int) -> tuple[Array, Array]:
-    """How far means over blocks of each surface are off its plane: the sum of their squares times the samples of each,
-    and the number of blocks, shape (S,) each. side: of a block, in cells."""
+    """Deviation of means over blocks of each surface from its plane: the sum of their squares times
+    the samples of each, and the number of blocks, shape (S,) each. side: of a block, in cells."""
     i, j = np.nonzero(labels >= 0)
     number, (one, x, y, z) = labels[i, j], (cells.moments[k, i, j] for k in (0, 1, 2, 6))
     a, b, c = planes[number].T

@@ -92,7 +92,7 @@ class FlatPiece:
     certainty: Certainty | None = None
 
     def pieces(self, least_m: float) -> Iterator[Array]:
-        """Its convex pieces that are nowhere to be called a sliver, see ``wide``."""
+        """Convex pieces that are wide everywhere, see ``wide``."""
         yield from (piece for part in parts_of(self.polygon) for piece in convex_pieces(part) if wide(piece, least_m))
 
     def patches(self, least_m: float, friction: float) -> Iterator[Patch]:
@@ -113,7 +113,7 @@ def parts_of(polygon: Any) -> list[Any]:
 
 
 def wide(piece: Array, least_m: float) -> bool:
-    """Whether a convex piece is wide enough, and wider than a thousandth of its length."""
+    """Tell whether a convex piece is wide enough, and wider than a thousandth of its length."""
     return width(piece) > max(least_m, 1e-3 * float(np.ptp(piece, axis=0).max()))
 
 
@@ -200,7 +200,7 @@ def _merged_planes(labels: NDArray[np.int_], corners: Array, normals: Array, are
 
 
 def _fits(corners: Array, normals: Array, at: Array, seed: Array) -> NDArray[np.bool_]:
-    """Which triangles lie in the planes of their seeds."""
+    """Tell which triangles lie in the planes of their seeds."""
     off = np.abs(np.einsum("kij,kj->ki", corners - at[:, None], seed)).max(axis=1)
     return np.asarray((np.vecdot(normals, seed) > np.cos(COPLANAR_RAD)) & (off <= FLAT_M))
 
@@ -219,14 +219,14 @@ def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
 
 
 def connected(pairs: NDArray[np.int_], size: int) -> tuple[int, NDArray[np.int_]]:
-    """How many parts hang together by pairs, shape (K, 2), and the part of each of so many, shape (size,)."""
+    """Number of parts that hang together by pairs, shape (K, 2), and the part of each of so many, shape (size,)."""
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
     number, group = connected_components(graph, directed=False)
     return int(number), np.asarray(group)
 
 
 def _largest(group: NDArray[np.int_], area: Array, number: int) -> NDArray[np.int_]:
-    """Of each group the member with the largest area."""
+    """Member of each group with the largest area."""
     order = np.lexsort((area, group))
     last = np.searchsorted(group[order], np.arange(number), side="right") - 1
     return np.asarray(order[last])

@@ -26,7 +26,7 @@ Length = Annotated[float, Within(least=0.0, most=10.0)]
 
 @dataclass(frozen=True, kw_only=True)
 class FootholdLimits:
-    """What counts as a foothold.
+    """Limits on what counts as a foothold.
 
     Arguments:
         slope_rad: largest angle between the surface's normal and the vertical [rad].
@@ -89,7 +89,7 @@ class TerrainPatch:
 
     @property
     def area_m2(self) -> float:
-        """Of the piece [m²]."""
+        """Area of the piece [m²]."""
         about = self.patch.vertices_m - self.patch.vertices_m[0]
         return 0.5 * float(np.linalg.norm(np.cross(about, np.roll(about, -1, axis=0)).sum(axis=0)))
 
@@ -157,7 +157,7 @@ class Footholds:
 
     @property
     def noise_source(self) -> str:
-        """Whether the noise was told or estimated."""
+        """Words for the source of the noise: given, or estimated."""
         return "estimated from the heights" if self.limits.noise_m is None else "as given"
 
     def to_json(self) -> dict[str, Any]:

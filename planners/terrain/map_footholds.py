@@ -28,6 +28,7 @@ from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import certainties
+from .map_solids import ROOM, Overhead, box_patches, standing_boxes
 from .mesh_footholds import standing_pieces
 from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
 from .patch import Patch
@@ -54,7 +55,34 @@ POCKET = 1.0
 
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
-    """The footholds of a map, or of the cloud that it is of; what else there is of it is no surface."""
+    """The footholds of a map, or of the cloud that it is of, also below what hangs over its ground; walls, poles and
+    bars are surfaces, too (``map_solids``)."""
+    over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
+    if over is None:
+        found = _planes_of(terrain, limits, friction)
+        return _with_boxes(found, standing_boxes(terrain, found.noise_m or 0.0))
+    ground, beside = (
+        ElevationMap.of_points(points, terrain.spacing_m, terrain.name) for points in (over.ground_m, over.beside_m)
+    )
+    found = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
+    if over.share <= ROOM:
+        below = _planes_of(beside, replace(limits, noise_m=found.noise_m), friction)
+        most = max((piece.surface for piece in found.pieces), default=-1) + 1
+        more = [replace(piece, surface=piece.surface + most) for piece in below.pieces]
+        found = replace(found, pieces=(*found.pieces, *more), surfaces=(*found.surfaces, *below.surfaces))
+    return _with_boxes(found, np.concatenate([standing_boxes(ground, found.noise_m or 0.0), over.boxes_m]))
+
+
+def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
+    """Footholds whose terrain has these boxes, too."""
+    if not len(boxes_m):
+        return found
+    friction = next((patch.friction for patch in found.surfaces), 1.0)
+    return replace(found, surfaces=(*found.surfaces, *box_patches(boxes_m, friction)))
+
+
+def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
+    """The footholds of the upper side of a map or a cloud, whose surfaces are those of the footholds."""
     cells, noise_m = _cells_of(terrain, limits)
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
@@ -253,7 +281,8 @@ def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Arr
 
 
 def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
-    """Of every surface its plane (a, b, c) with i and j in cells, shape (S, 3), rms, and how many heights."""
+    """Plane (a, b, c) of every surface with i and j in cells, shape (S, 3), rms, and the number of
+    heights."""
     i, j = np.nonzero(labels >= 0)
     number = labels[i, j]
     count = int(labels.max(initial=-1)) + 1

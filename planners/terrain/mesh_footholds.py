@@ -186,7 +186,7 @@ class _Around:
         self._tree = self._shapely.STRtree(self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T))
 
     def uncovered(self, facet: FlatPiece, clearance_m: float) -> Any:
-        """What of a facet has nothing within the clearance above it."""
+        """Part of a facet that has nothing within the clearance above it."""
         corners = self._corners[self._near(facet, clearance_m)]
         heights = facet.plane.height(corners)
         within = (heights.max(axis=1) > ABOVE_M) & (heights.min(axis=1) < clearance_m)
@@ -202,7 +202,7 @@ class _Around:
         return _difference(facet.polygon, self._shapely.union_all(touching, grid_size=1e-7))
 
     def outside(self, facets: list[FlatPiece]) -> list[Any]:
-        """What of each facet is outside of all solids."""
+        """Part of each facet that is outside of all solids."""
         parts = [self._parts(facet) for facet in facets]
         points = [
             facet.plane.world(np.array([_within(part) for part in of]).reshape(-1, 2)) + ABOVE_M * facet.plane.normal
@@ -249,7 +249,8 @@ class _Around:
         return [part for part in cut if core.intersects(part.representative_point())] or parts
 
     def _shadows(self, facet: FlatPiece) -> Array:
-        """Where rays from the plane of a facet meet edges above that are open, shape (K, 2, 2)."""
+        """Crossings of rays from the plane of a facet with edges above that are open, shape (K, 2,
+        2)."""
         heights = facet.plane.height(self._open)
         over = heights.max(axis=1) > ABOVE_M
         along = np.array([*LEAN, 1.0])
@@ -292,7 +293,7 @@ def _open_edges(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
 
 
 def _difference(polygon: Any, covered: Any) -> Any:
-    """What is left of a polygon, without its cracks and threads."""
+    """Remainder of a polygon, without its cracks and threads."""
     free = polygon.difference(covered, grid_size=1e-7)
     for grow in (THIN_M, -2.0 * THIN_M, THIN_M):
         free = free.buffer(grow, join_style="mitre")
@@ -327,7 +328,8 @@ def _slab(flat: Array, heights: Array, top: float) -> Array:
 
 
 def _crossings(flat: Array, heights: Array) -> Array:
-    """Where triangles, shape (K, 3, 2), with corners on both sides of a plane cross it, shape (K, 2, 2).
+    """Lines in which triangles, shape (K, 3, 2), with corners on both sides of a plane cross it,
+    shape (K, 2, 2).
 
     An edge is always gone down, so that the triangles on both sides of it give the same point to the last bit.
     """

@@ -41,7 +41,7 @@ class MeshRung:
         return max(self.rung.turn_rad, self.lean_rad if self.lean_rad > COARSE_RAD else 0.0)
 
     def line(self, corners_m: Array) -> FlatPiece:
-        """Its highest line as a strip, where triangles of it, with corners of shape (K, 3, 3), are below."""
+        """Highest line of the rung as a strip, where triangles of it, with corners of shape (K, 3, 3), are below."""
         shapely, rung = shapely_module(), self.rung
         axes = np.stack([rung.axis, np.cross(rung.upright, rung.axis)], axis=1)
         plane = Plane(origin_m=rung.middle_m, normal=rung.upright, axes=axes)

@@ -200,7 +200,7 @@ def _components(one: Labels, other: Labels, shape: tuple[int, ...]) -> Labels:
 def _misfits(
     labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Which surfaces are no planes, by means over blocks of this side in cells."""
+    """Surfaces that are no planes, by means over blocks of this side in cells."""
     planes, rms, count = fitted(labels, cells)
     squares, blocks = block_squares(labels, cells, planes, side)
     freedom = np.maximum(blocks - 3.0, 0.0)

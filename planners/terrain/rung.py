@@ -60,7 +60,7 @@ class Rung:
 
     @property
     def turn_rad(self) -> float:
-        """How far the surface turns from the middle of the line to its border."""
+        """Angle by which the surface turns from the middle of the line to its border."""
         return float(np.arcsin(min(self.half_width_m / self.radius_m, 1.0)))
 
     def line(self, low_m: float, high_m: float, friction: float) -> Patch:
