@@ -10,7 +10,6 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..files.codec import LATER
 
-
 NEGATIVE = 1e-9
 """What rounding makes of a covariance, as a share of its largest entry."""
 

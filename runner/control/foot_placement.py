@@ -151,9 +151,7 @@ class FootPlacement:
         self.moved_m = self.moved_m + away - left * (away - self._period_s * coming)
         self._drift = left * (self._drift - turns * coming)
 
-    def _land(
-        self, now: Samples, then: Samples, felt: Array, found: State, rolled: Array
-    ) -> NDArray[np.bool_]:
+    def _land(self, now: Samples, then: Samples, felt: Array, found: State, rolled: Array) -> NDArray[np.bool_]:
         """Find the feet that land just now, early or late, shape (N,); where they do is kept."""
         before, stands = self.touched, then.stands
         comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0

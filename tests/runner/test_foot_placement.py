@@ -134,7 +134,7 @@ def test_a_body_is_pulled_half_way_over_feet_that_stepped_aside(kinematics: Kine
 
 
 def test_a_foot_on_noisy_ground_comes_down_as_far_as_its_ground_may_be_and_no_farther(kinematics: Kinematics) -> None:
-    angles, then = standing(kinematics)
+    _, then = standing(kinematics)
     now = replace(then, foothold=np.full(4, -1))
     depths = np.array([0.0, 0.004, 0.012, 0.02])
     feet = FootPlacement(
