@@ -105,6 +105,12 @@ class ElevationMap:
         cells = np.round(points_m[:, :2] / spacing_m).astype(np.int64)
         first, last = cells.min(axis=0), cells.max(axis=0)
         shape = tuple((last - first + 1).tolist())
+        for axis, cells_across in zip("xy", shape, strict=True):
+            if cells_across < FEWEST:
+                raise InvalidInput(
+                    f"{name}: expected points over {FEWEST} or more cells of {spacing_m:g} m along {axis}, got "
+                    f"{cells_across}; see spacing_m"
+                )
         if shape[0] * shape[1] > MOST_POINTS:
             raise InvalidInput(
                 f"{name}: expected {MOST_POINTS} cells or fewer, got {shape[0] * shape[1]}; see spacing_m"
