@@ -116,8 +116,8 @@ def _check_motion(path: Path, robot: str | Path | None, course: str | None, terr
     from stancekit.planners.formats.motion_file import read_motion
     from stancekit.planners.physics import GRAVITY_M_S2
     from stancekit.planners.verify.motions import check_motion
-    from stancekit.runner.export.formats import scene_of
     from stancekit.runner.export.mjcf import read_keys
+    from stancekit.runner.export.moved import scene_of
 
     if (terrain is None) == (course is None):
         given = "neither" if terrain is None else "both"
@@ -239,7 +239,7 @@ def check_answers(
 
 
 def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
-    """What is said of an answer; of one that lacks its evidence, that."""
+    """Verdict on an answer; where the answer lacks its evidence, the verdict says so."""
     answer, status = answer_from_json(claim, problem), _status(claim)
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:

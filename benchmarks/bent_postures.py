@@ -1,10 +1,12 @@
 """Postures of the whole body: how many of a class are accepted with joints, torques and bodies, straight and bent.
 
     python benchmarks/bent_postures.py [--problem wall-3] [--robot hexapod] [--torque-nm 10] [--scenes 150]
+    python benchmarks/bent_postures.py --scenes 300 --steps 1 2 4   # room: what fewer steps leave of what all find
 
 Scenes that no lift refutes are answered by the two-stage planner for contacts and forces; its posture gets joints and
 the forces that spare them most, with toes, body and joints as they are. Beside it `plan` with the robot, which bends.
-Both are judged by the verifier: joints, torques, bodies, margins.
+Both are judged by the verifier: joints, torques, bodies, margins. With ``--steps`` the whole body is bent in so many
+steps at most, too, and room is what any of these finds less what the one within that budget does, in points.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from _bench import Options, launch
 
 import stancekit
 from stancekit.envs.distributions.postures import distribution
+from stancekit.learners.evaluation.leap_bench import share
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.whole_body_outcome import with_whole_body
@@ -31,6 +34,7 @@ class Arguments(Options):
     torque_nm: float = 10.0
     scenes: int = 150
     seed: int = 10_000
+    steps: tuple[int, ...] = ()
 
 
 def main(arguments: Arguments) -> None:
@@ -38,7 +42,9 @@ def main(arguments: Arguments) -> None:
     own = arguments.robot != "hexapod"
     drawn, robot = distribution(arguments.problem, robot=arguments.robot if own else None), robot_of(arguments.robot)
     limits = WholeBodyLimits(torque_nm=arguments.torque_nm)
-    accepted, seconds, seed, scenes = {"straight": 0, "bent": 0}, {"straight": 0.0, "bent": 0.0}, arguments.seed, 0
+    ways = {"straight": 0, **{f"steps {count}": count for count in arguments.steps}, "bent": limits.steps}
+    accepted: dict[str, list[bool]] = {name: [] for name in ways}
+    seconds, seed, scenes = dict.fromkeys(ways, 0.0), arguments.seed, 0
     while scenes < arguments.scenes:
         problem = drawn.sample(np.random.default_rng(seed))
         seed += 1
@@ -52,16 +58,23 @@ def main(arguments: Arguments) -> None:
         found = straight.solution
         plan = replace(found, problem=course, toes_m=found.toes_m[order], forces_n=found.forces_n[:, order])
         bare = replace(straight, solution=plan, problem=course)
-        answer = with_whole_body(bare, replace(limits, steps=0))
-        accepted["straight"] += answer.status.value == "feasible"
-        seconds["straight"] += time.process_time() - began
-        began = time.process_time()
-        bent = stancekit.plan(problem, robot=robot, body=limits)
-        seconds["bent"] += time.process_time() - began
-        accepted["bent"] += bent.status.value == "feasible"
-    found = {f"{name}, accepted": count / scenes for name, count in accepted.items()}
-    found |= {f"{name}, ms": 1e3 * total / scenes for name, total in seconds.items()}
-    arguments.list(found, problem=arguments.problem, robot=arguments.robot, scenes=scenes)
+        for name, steps in ways.items():
+            if name == "straight":
+                answer = with_whole_body(bare, replace(limits, steps=0))
+            else:
+                began = time.process_time()
+                answer = stancekit.plan(problem, robot=robot, body=replace(limits, steps=steps))
+            seconds[name] += time.process_time() - began
+            accepted[name].append(answer.status.value == "feasible")
+    union = np.any(list(accepted.values()), axis=0).mean()
+    shown: dict[str, float] = {}
+    for name, each in accepted.items():
+        middle, low, high = share(sum(each), scenes) or (np.nan, np.nan, np.nan)
+        shown |= {f"{name}, accepted": middle, f"{name}, accepted from": low, f"{name}, accepted to": high}
+        shown[f"{name}, ms"] = 1e3 * seconds[name] / scenes
+        if arguments.steps:
+            shown[f"{name}, room"] = 100.0 * float(union - np.mean(each))
+    arguments.list(shown, problem=arguments.problem, robot=arguments.robot, scenes=scenes)
 
 
 if __name__ == "__main__":

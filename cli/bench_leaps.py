@@ -34,7 +34,8 @@ class BenchLeaps:
     """Seed of the scenes."""
     method: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
     """Some of random, noise, rule, rule-tuned, farkas, finder, ipopt; all where there is none. noise-again draws with
-    another seed; a file of `stancekit fit` from labelled tries is the finder with learned scores."""
+    another seed; finder-tuned has constants of its own for leap-hard; a file of `stancekit fit` from labelled tries, or
+    the name of one that ships, is the finder with learned scores."""
     solves: int = 50
     """Convex problems at most per method and scene."""
     ipopt_s: float = 4.0

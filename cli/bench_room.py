@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -17,14 +17,16 @@ if TYPE_CHECKING:
 
     from stancekit.learners.evaluation.room import Room, Share
 
-METHODS = ("random", "noise", "noise-again", "rule-tuned", "farkas", "finder")
+METHODS = ("random", "noise", "noise-again", "rule-tuned", "farkas", "finder", "finder-tuned")
+LEAPS = "LeapChoice-v0"
 QUICK = 40
 """Scenes of a quick look."""
 
 
 @dataclass
 class BenchRoom:
-    """How much room for learning LeapChoice-v0 leaves: what any method finds, less what the best unlearned one finds.
+    """Measure how much room for learning an environment leaves: what any method finds, less what
+    the best unlearned one finds.
 
     One line per budget, one try and so many convex problems: random choices, the best unlearned control, the
     learned scores where files of them are given, and the oracle, which is the union of all methods at a larger budget.
@@ -32,8 +34,14 @@ class BenchRoom:
     run that is stopped goes on. Intervals are of 95 %; the gain of learned scores is paired over the scenes.
     """
 
-    scorer: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
-    """Files of `stancekit fit` from labelled tries of leaps; of several, as of training seeds, the mean is taken."""
+    scorer: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    """Files of `stancekit fit` from labelled tries of leaps, or a name that ships; of several, as of training seeds,
+    the mean is taken. Scenes that they learned from are refused."""
+    method: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = METHODS
+    """Methods that learn nothing, of those of bench leaps; the best within a budget is its control."""
+    environment: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = (LEAPS,)
+    """Some of LeapChoice-v0, EnvelopeSelection-v0, EnvelopeRefinement-v0, Traverse-v0. Of all but the first the budget
+    is that of an episode, and a planner beside the environment is a control, too."""
     distribution: str = "leap-hard"
     """Class of leaps."""
     scenes: int = 300
@@ -42,6 +50,8 @@ class BenchRoom:
     """Seed of the scenes; data sets to learn from have another one."""
     solves: Annotated[tuple[int, ...], tyro.conf.arg(metavar="INT ...")] = (12, 25)
     """Budgets in convex problems, beside that of one try."""
+    cpu_s: Annotated[tuple[float, ...], tyro.conf.arg(metavar="FLOAT ...")] = ()
+    """Budgets in CPU time, the network's own counted [s]; one process alone on the computer measures them."""
     oracle_solves: int = 50
     """Convex problems of the oracle, per method and scene."""
     quick: bool = False
@@ -53,23 +63,9 @@ class BenchRoom:
 
     def run(self) -> int:
         """Measure what is missing, and print the table."""
-        from stancekit.learners.evaluation import leap_bench
-        from stancekit.learners.evaluation.room import leap_room
-
-        with as_options("distribution", "scenes", "seed"):
-            settings = leap_bench.LeapBenchSettings(
-                distribution=self.distribution,
-                scenes=min(self.scenes, QUICK) if self.quick else self.scenes,
-                seed=self.seed,
-                methods=(*METHODS, *map(str, self.scorer)),
-                solves=self.oracle_solves,
-                proof=0,
-            )
-        make_folder(self.out)
-        with stages("bench room") as on_progress:
-            rows = leap_bench.run(settings, self.out, on_progress)
-        budgets = [{"tries": 1}, *({"solves": each} for each in self.solves)]
-        found = [leap_room(rows, self.distribution, self.oracle_solves, **budget) for budget in budgets]
+        found = [
+            line for name in self.environment for line in (self._leaps() if name == LEAPS else [self._other(name)])
+        ]
         if self.json:
             for line in found:
                 emit(line.to_json())
@@ -78,24 +74,59 @@ class BenchRoom:
         out.print(f"rows: {self.out}")
         return 0
 
+    def _other(self, name: str) -> Room:
+        """Another environment."""
+        from stancekit.learners.evaluation.env_room import environment_room
+
+        with as_options("environment", "scenes", "seed"), stages("bench room") as on_progress:
+            make_folder(self.out)
+            scenes = min(self.scenes, QUICK) if self.quick else self.scenes
+            return environment_room(name, self.out / name, scenes=scenes, seed=self.seed, on_progress=on_progress)
+
+    def _leaps(self) -> list[Room]:
+        """LeapChoice-v0, a line per budget."""
+        from stancekit.learners.evaluation import leap_bench
+        from stancekit.learners.evaluation.room import leap_room
+        from stancekit.planners.files.arrays import checked, checked_int
+
+        with as_options("distribution", "scenes", "seed", "method", "solves", "cpu_s", "oracle_solves"):
+            checked_int(self.oracle_solves, "oracle_solves", least=1)
+            for solves in self.solves:
+                checked_int(solves, "solves", least=1, most=self.oracle_solves)
+            for seconds in self.cpu_s:
+                checked(seconds, "cpu_s", above=0.0)
+            settings = leap_bench.LeapBenchSettings(
+                distribution=self.distribution,
+                scenes=min(self.scenes, QUICK) if self.quick else self.scenes,
+                seed=self.seed,
+                methods=(*self.method, *self.scorer),
+                solves=self.oracle_solves,
+                proof=0,
+            )
+        make_folder(self.out)
+        with stages("bench room") as on_progress:
+            rows = leap_bench.run(settings, self.out, on_progress)
+        budgets: list[dict[str, Any]] = [{"tries": 1}, *({"solves": each} for each in self.solves)]
+        budgets += [{"cpu_s": each} for each in self.cpu_s]
+        return [leap_room(rows, self.distribution, self.oracle_solves, **budget) for budget in budgets]
+
 
 def _table(lines: list[Room]) -> Table:
     """The lines as a table, in percent and points, with 95 % intervals."""
     from rich.table import Table
 
-    first = lines[0]
+    told = dict.fromkeys(f"{line.environment}: {line.scenes} scenes, oracle: {line.oracle_budget}" for line in lines)
     found = Table(
-        title=f"{first.environment}, {first.scenes} scenes",
-        caption="shares of all scenes in percent, gain and room in points; oracle: " + first.oracle_budget,
+        title="; ".join(told),
+        caption="shares of all scenes in percent, gain and room in points",
         box=None,
     )
-    for name in ("budget", "random", "control", "", "learned", "", "gain", "oracle", "again", "room"):
-        found.add_column(name, justify="left" if name in ("budget", "") else "right")
+    for name in ("environment", "budget", "random", "control", "", "learned", "", "gain", "oracle", "again", "room"):
+        found.add_column(name, justify="left" if name in ("environment", "budget", "") else "right")
     for line in lines:
-        found.add_row(
-            line.budget, _percent(line.random), _percent(line.control), line.controlled_by, _percent(line.learned),
-            line.learned_by, _points(line.gain), _percent(line.oracle), _percent(line.again), f"{line.room:.0f}",
-        )  # fmt: skip
+        shares = [_percent(each) for each in (line.random, line.control, line.learned, line.oracle, line.again)]
+        names = (line.environment, line.budget, shares[0], shares[1], line.controlled_by, shares[2], line.learned_by)
+        found.add_row(*names, _points(line.gain), *shares[3:], f"{line.room:.0f}")
     return found
 
 

@@ -150,7 +150,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         self._scenes = self._settings.source()
         self._programs = Programs()
         self._episode: _Episode | None = None
-        like = _Episode(self._class.draw(np.random.default_rng(0)), self._settings, self._programs)
+        like = self._begin(self._class.draw(np.random.default_rng(0)))
         self._shape = like.shape
         self.observation_space: spaces.Space[Any] = _space(like)
         self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(np.full(like.shape[0], like.shape[1]))
@@ -165,7 +165,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
             leap = self._class.draw(self.np_random)
         else:
             leap = self._scenes[int(self.np_random.integers(len(self._scenes)))]
-        self._episode = _Episode(leap, self._settings, self._programs)
+        self._episode = self._begin(leap)
         return self._episode.observe(), self._episode.info()
 
     def step(self, action: NDArray[np.int64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -185,8 +185,11 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         reward = float(episode.solved) - spent / self._settings.solves
         return episode.observe(), reward, episode.solved, episode.over and not episode.solved, episode.info()
 
+    def _begin(self, leap: Leap) -> _Episode:
+        return _Episode(leap, self._settings, self._programs, self._class.candidates)
+
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which candidates there are, shape (P * R,), foothold by foothold."""
+        """Mask of the candidates that exist, shape (P * R,), foothold by foothold."""
         if self._episode is None:
             raise gym.error.ResetNeeded("reset the environment before asking for its masks")
         mask: NDArray[np.bool_] = self._episode.seen.mask.ravel() > 0.0
@@ -210,12 +213,12 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
 
 class _Episode:
-    """One leap, and what was tried of it."""
+    """One leap, and what was tried of it; options: R, to which features are padded."""
 
-    def __init__(self, leap: Leap, settings: LeapChoiceSettings, programs: Programs) -> None:
+    def __init__(self, leap: Leap, settings: LeapChoiceSettings, programs: Programs, options: int) -> None:
         self._settings, self._programs = settings, programs
         self._timings = [LeapNumbers.of(leap, k) for k in range(len(leap.timings_s))]
-        self._features = [LeapFeatures.of(each) for each in self._timings]
+        self._features = [LeapFeatures.of(each).padded(options) for each in self._timings]
         self._tried: set[tuple[int, ...]] = set()
         self._last: tuple[LeapNumbers, LeapPoint] | None = None
         self._choice: NDArray[np.int64] | None = None
@@ -234,7 +237,7 @@ class _Episode:
 
     @property
     def seen(self) -> LeapFeatures:
-        """Its features."""
+        """Features that the agent sees at this turn."""
         return self._features[self._turn]
 
     @property
@@ -245,7 +248,7 @@ class _Episode:
 
     @property
     def over(self) -> bool:
-        """Whether there is a leap, or nothing left to try with."""
+        """Tell whether there is a leap, or no try left."""
         spent = self.tries >= self._settings.tries or self.solves >= self._settings.solves
         return self.solved or spent
 
@@ -271,7 +274,7 @@ class _Episode:
         self._note = {"masked": int(masked), "repeated": int(repeated), "refuted": int(refuted), "cost": float(cost)}
 
     def observe(self) -> Observation:
-        """What the agent sees."""
+        """Observation of the agent."""
         seen, mask = self.seen, self.seen.mask
         last = np.zeros(mask.shape)
         if self._choice is not None:

@@ -187,6 +187,13 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         cut_off = not ended and search.solves >= self._budget
         return self._observe(search, self._scaled), reward, ended, cut_off, self._info(search, self._scene)
 
+    @property
+    def scene(self) -> LabelledScene:
+        """The scene of this episode, for policies that look at more than the observation."""
+        if self._scene is None:
+            raise gym.error.ResetNeeded("reset the environment before asking for its scene")
+        return self._scene
+
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the scene with the current box, or with the posture where one was found."""
         if self._search is None or self._scene is None:

@@ -27,7 +27,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     ## Description
 
-    One posture problem an episode (paper E §III): can the robot hold still with N limbs on N patches? P1 relaxes the
+    One posture problem an episode (Lin et al. §III): can the robot hold still with N limbs on N patches? P1 relaxes the
     products m = p·f over a box of [p, f]; the agent chooses the box, the planner stack judges. All quantities are
     non-dimensional: lengths over the length scale, forces over the force scale.
 
@@ -148,6 +148,13 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         if self.render_mode == "human":
             self.render()
         return seen(self._scene), verdict.reward, True, False, verdict.info
+
+    @property
+    def scene(self) -> LabelledScene:
+        """The scene of this episode, for policies that look at more than the observation."""
+        if self._scene is None:
+            raise gym.error.ResetNeeded("reset the environment before asking for its scene")
+        return self._scene
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the scene, and after a step the envelope and the posture that P2 found in it."""

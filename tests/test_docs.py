@@ -35,8 +35,11 @@ WRITES = ("docs/learning-own-robot.md", "docs/selectors.md", "docs/running-on-a-
 """Pages whose Python writes files, and prints nothing."""
 BEFORE = {"docs/running-on-a-robot.md": ["plan desk.yaml --out desk.json"]}
 """Commands of a page that its Python needs."""
+FEW = "24"
+"""Scenes of a page that learns; its reader has more."""
 NEEDS = {
-    "docs/training.md": "stable_baselines3", "docs/learning.md": "torch", "docs/running-on-a-robot.md": "pinocchio",
+    "docs/training.md": "sb3_contrib optuna", "docs/learning.md": "torch",
+    "docs/running-on-a-robot.md": "pinocchio",
     "docs/learning-own-robot.md": "trimesh", "03_own_robot": "pinocchio",
     "04_own_terrain": "trimesh", "09_train": "stable_baselines3", "10_run_and_export": "mujoco",
 }  # fmt: skip
@@ -100,8 +103,12 @@ def written(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "python" in shown(page) and page not in FIRST])
-def test_python_of_a_page_runs_block_after_block(page: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip(NEEDS.get(page, "numpy"))
+def test_python_of_a_page_runs_block_after_block(
+    page: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in NEEDS.get(page, "numpy").split():
+        pytest.importorskip(module)
+    monkeypatch.setenv("SCENES", FEW)
     written(page)
     for line in BEFORE.get(page, []):
         command(f"stancekit {line}")
@@ -215,6 +222,8 @@ def test_pages_that_follow_from_the_code_are_in_the_repository_as_make_docs_writ
     pages = {f"environments/{environments.short(name)}.md": environments.page(name) for name in environments.names()}
     for name, page in {**pages, "reference/keys.md": keys.page()}.items():
         assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page, f"docs/{name}: make docs writes it anew"
+        anchors = re.findall(r"^\((.*)\)=$", page, re.M)
+        assert len(anchors) == len(set(anchors)), f"docs/{name}: two places of one name, which Sphinx refuses"
     verbs = re.findall(r"^## (.*)$", (ROOT / "docs" / "reference" / "command.md").read_text(encoding="utf-8"), re.M)
     assert verbs == re.findall(r"^## (.*)$", extension("verbs").page(), re.M)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import json
 import re
+from collections.abc import Sequence
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +16,8 @@ import numpy as np
 
 import stancekit.envs
 
+ROOM = Path(__file__).parents[1] / "environments" / "room.jsonl"
+"""Lines of ``bench room --json``, each with its command; or of an environment, why it has none."""
 REWARDS = {
     "EnvelopeSelection": (
         r"r &= w_\text{agreement}\;[\text{P1 says what the expert says}] \\"
@@ -73,8 +77,44 @@ def page(name: str) -> str:
 
 {brief}
 
-{rest}
-"""
+{rest.rstrip()}
+
+{_room(short(name))}"""
+
+
+def _room(name: str) -> str:
+    """What ``bench room`` printed for an environment, as a table below its command; or why there is none."""
+    lines = [json.loads(line) for line in ROOM.read_text(encoding="utf-8").splitlines()]
+    own = [line for line in lines if line["environment"].startswith(name)]
+    text = ["## Room for learning", ""]
+    for command in dict.fromkeys(line["command"] for line in own if "said" not in line):
+        mine = [line for line in own if line["command"] == command]
+        text += ["```sh", command, "```", ""]
+        first = mine[0]
+        text += [
+            f"{first['environment']}, {first['scenes']} scenes; oracle: {first['oracle_budget']}; learned:",
+            f"{first['learned_by'] or 'nothing'}. Shares in percent, differences in points, with 95 % intervals;",
+            "gains are paired over the scenes. *again*: the oracle with other seeds.",
+            "",
+        ]
+        text += ["| budget | random | best unlearned control | learned | learned − control | oracle | again | room |"]
+        text += ["|---|---|---|---|---|---|---|---|"]
+        for line in mine:
+            shares = {key: _share(line[key], 100.0) for key in ("random", "control", "learned", "oracle", "again")}
+            gain = "–" if line["gain"] is None else _share(line["gain"], 1.0, "+.1f")
+            cells = [line["budget"], shares["random"], f"{shares['control']} ({line['controlled_by']})"]
+            cells += [shares["learned"], gain, shares["oracle"], shares["again"], f"{line['room']:.0f}"]
+            text += [f"| {' | '.join(map(str, cells))} |"]
+        text += [""]
+    text += [f"{line['said']}\n" for line in own if "said" in line]
+    return "\n".join(text)
+
+
+def _share(value: Sequence[float] | None, factor: float, how: str = ".0f") -> str:
+    if value is None:
+        return "–"
+    middle, low, high = (format(factor * each, how).replace("-", "−") for each in value)
+    return f"{middle} [{low}, {high}]"
 
 
 def _reward(name: str, said: str) -> str:

@@ -29,6 +29,8 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
+from ..leaps.shipped import shipped_scorers
+
 FIRST_RULE = Rule(grip=3.0, grip_cap=0.3, room=20.0, room_cap=0.03)
 """The hand rule as it was first written, before its constants were chosen on training scenes."""
 MANY = 1_000_000
@@ -43,8 +45,12 @@ FINDERS = {
 METHODS = (*FINDERS, "ipopt")
 AGAIN = {"noise": ("noise-again", LeapFinder(order="noise", solves=MANY, seed=1))}
 """Methods that draw, by another name with another seed."""
+TUNED = {"finder-tuned": LeapFinder(rule=Rule(grip=3.0, grip_cap=0.3, room=14.0, room_cap=-0.09), solves=MANY)}
+"""The finder with the rule's constants chosen on the 900 scenes from which learned scores are learned, too."""
 SCORER = ".safetensors"
 """Ending of a file of learned scores, which the finder takes in place of the rule's: a method by the file's name."""
+UNLEARNED = (*METHODS, *TUNED, *(name for name, _ in AGAIN.values()))
+"""Names of all methods but learned scores."""
 PROOF = "proof"
 """In place of a method's name: the search for a proof on a scene that no method solved."""
 ROWS = "rows.jsonl"
@@ -52,13 +58,13 @@ ROWS = "rows.jsonl"
 
 @dataclass(frozen=True, kw_only=True)
 class LeapBenchSettings:
-    """What is measured.
+    """Settings of the measurement.
 
     distribution: a class of ``configs/leaps.yaml``. scenes: how many, from number 0 on; seed: of all of them. methods:
-    of ``METHODS`` and ``AGAIN``, and files of learned scores. solves: convex problems at most per method and scene,
-    which does not depend on how busy the computer is. ipopt_s: CPU time at most of IPOPT per scene, which takes
-    choices in the order of the tuned rule [s]; proof: convex problems at most in search of a proof where nobody found
-    a plan, 0 for none.
+    of ``UNLEARNED``, and files of learned scores, or names of such that ship. solves: convex problems at most per
+    method and scene, which does not depend on how busy the computer is.
+    ipopt_s: CPU time at most of IPOPT per scene, which takes choices in the order of the tuned rule [s]; proof: convex
+    problems at most in search of a proof where nobody found a plan, 0 for none.
     """
 
     distribution: str = "leap-hard"
@@ -77,8 +83,8 @@ class LeapBenchSettings:
         checked_int(self.proof, "proof", least=0)
         checked(self.ipopt_s, "ipopt_s", above=0.0)
         for method in self.methods:
-            if not method.endswith(SCORER):
-                checked_choice(method, "method", (*METHODS, *(name for name, _ in AGAIN.values())))
+            if not is_scorer(method):
+                checked_choice(method, "method", UNLEARNED)
         if len({name_of(method) for method in self.methods}) < len(self.methods):
             raise InvalidInput(f"methods: expected different names, got {', '.join(map(name_of, self.methods))}")
 
@@ -89,7 +95,7 @@ class LeapBenchSettings:
 
     @property
     def shared(self) -> dict[str, Any]:
-        """What rows have in common: those measured with other values are not gone on with."""
+        """Settings that all rows share: those measured with other values are not gone on with."""
         return {name: getattr(self, name) for name in ("distribution", "seed", "solves", "ipopt_s")}
 
 
@@ -153,7 +159,9 @@ class _Bench:
 
     def __init__(self, settings: LeapBenchSettings) -> None:
         self._settings, self._programs = settings, Programs()
-        self._finders = {name_of(method): _finder(method) for method in settings.methods if method != "ipopt"}
+        self._finders = {
+            name_of(method): _finder(method, settings.seed) for method in settings.methods if method != "ipopt"
+        }
         self._nlps: dict[tuple[Any, ...], LeapNlp] = {}
 
     def missing(
@@ -252,12 +260,22 @@ def name_of(method: str) -> str:
     return Path(method).stem if method.endswith(SCORER) else method
 
 
-def _finder(method: str) -> LeapFinder:
-    if method.endswith(SCORER):
+def is_scorer(method: str) -> bool:
+    """Tell whether it is a file of learned scores, or the name of one that ships."""
+    return method.endswith(SCORER) or method in shipped_scorers()
+
+
+def _finder(method: str, seed: int) -> LeapFinder:
+    if is_scorer(method):
         from ..leaps.scorer import LeapScorer  # torch takes a while to load
 
-        return LeapFinder(order="finder", rule=LeapScorer.read(method), solves=MANY)
-    return {**FINDERS, **dict(AGAIN.values())}[method]
+        scorer = LeapScorer.read(method)
+        if scorer.origin.get("seed") == seed:
+            raise InvalidInput(
+                f"seed: expected another one than that of the scenes which {method} learned from, {seed}"
+            )
+        return LeapFinder(order="finder", rule=scorer, solves=MANY)
+    return {**FINDERS, **TUNED, **dict(AGAIN.values())}[method]
 
 
 def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str, Any]]:
@@ -269,7 +287,7 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
     """
     solved = {row["scene"] for row in rows if row["found"]}
     lines = []
-    known = (*METHODS, *(name for name, _ in AGAIN.values()))
+    known = UNLEARNED
     measured = {row["method"]: None for row in rows if row["method"] != PROOF}
     others = [method for method in measured if method not in known]
     for method in (*(method for method in known if method in measured), *others):
@@ -304,7 +322,8 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
 
 
 def proofs(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Of the scenes that no method solves: how many, how many of these are proved infeasible, and the share."""
+    """Proofs about the scenes that no method solves: how many, how many of these are proved
+    infeasible, and the share."""
     solved = {row["scene"] for row in rows if row["found"]}
     open_ = [row for row in rows if row["method"] == PROOF and row["scene"] not in solved]
     proved = sum(row["proved"] for row in open_)

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from .leap_bench import AGAIN, FINDERS, METHODS, PROOF, share
+from .leap_bench import AGAIN, FINDERS, PROOF, TUNED, UNLEARNED, share
 
 Share = tuple[float, float, float]
-UNLEARNED = (*METHODS, *(name for name, _ in AGAIN.values()))
 DRAWS = 10_000
 """Resamples of a paired interval."""
 
@@ -57,30 +56,59 @@ def leap_room(
     *,
     tries: int | None = None,
     solves: int | None = None,
+    cpu_s: float | None = None,
 ) -> Room:
-    """The room of LeapChoice-v0 at a budget of tries or of solves, from rows of ``bench leaps`` with ``most``
-    solves per scene."""
+    """The room of LeapChoice-v0 at a budget of tries, of solves or of CPU time, from rows of ``bench leaps`` with
+    ``most`` solves per scene."""
     found: dict[str, dict[int, Mapping[str, Any]]] = {}
     for row in rows:
         if row["method"] != PROOF:
             found.setdefault(row["method"], {})[row["scene"]] = row
     scenes = sorted(set.intersection(*(set(own) for own in found.values())))
-    within = {method: np.array([_within(own[k], tries, solves) for k in scenes]) for method, own in found.items()}
+    within = {
+        method: np.array([_within(own[k], tries, solves, cpu_s) for k in scenes]) for method, own in found.items()
+    }
     anywhere = {method: np.array([bool(own[k]["found"]) for k in scenes]) for method, own in found.items()}
-    fair = [method for method in within if method in FINDERS]
-    control = max(fair, key=lambda method: int(within[method].sum()))
-    learned = [method for method in within if method not in UNLEARNED]
-    mean = np.mean([within[method] for method in learned], axis=0) if learned else None
-    drawn = {name for name, _ in AGAIN.values()}
-    oracle = np.any([own for method, own in anywhere.items() if method not in drawn], axis=0)
-    again = None
-    if drawn & set(anywhere):
-        again = np.any([own for method, own in anywhere.items() if method not in AGAIN], axis=0)
-    return Room(
+    return room_of(
         environment=f"LeapChoice-v0 ({distribution})",
-        budget=f"{tries} tries" if tries is not None else f"{solves} solves",
+        budget=_budget(tries, solves, cpu_s),
         oracle_budget=f"all methods, {most} solves",
-        scenes=len(scenes),
+        within=within,
+        anywhere=anywhere,
+        fair=[method for method in within if method in FINDERS or method in TUNED],
+        learned=[method for method in within if method not in UNLEARNED],
+        again={first: second for first, (second, _) in AGAIN.items()},
+    )
+
+
+def room_of(
+    *,
+    environment: str,
+    budget: str,
+    oracle_budget: str,
+    within: Mapping[str, Any],
+    anywhere: Mapping[str, Any],
+    fair: Sequence[str],
+    learned: Sequence[str],
+    again: Mapping[str, str],
+) -> Room:
+    """The room of an environment at a budget.
+
+    within, anywhere: by method, which scenes it solves within the budget and within the oracle's, shape (scenes,).
+    fair: methods that may be the control. again: of methods that draw, the name of the same with another seed.
+    """
+    control = max(fair, key=lambda method: int(within[method].sum()))
+    mean = np.mean([within[method] for method in learned], axis=0) if learned else None
+    drawn = set(again.values())
+    oracle = np.any([own for method, own in anywhere.items() if method not in drawn], axis=0)
+    other = None
+    if drawn & set(anywhere):
+        other = np.any([own for method, own in anywhere.items() if method not in again], axis=0)
+    return Room(
+        environment=environment,
+        budget=budget,
+        oracle_budget=oracle_budget,
+        scenes=len(oracle),
         random=_share(within["random"]) if "random" in within else None,
         control=_share(within[control]),
         controlled_by=control,
@@ -88,7 +116,7 @@ def leap_room(
         learned_by=", ".join(learned),
         gain=None if mean is None else paired(mean, within[control]),
         oracle=_share(oracle),
-        again=None if again is None else _share(again),
+        again=None if other is None else _share(other),
         room=100.0 * float(oracle.mean() - within[control].mean()),
     )
 
@@ -101,9 +129,15 @@ def paired(one: Any, other: Any, seed: int = 0) -> Share:
     return float(apart.mean()), float(low), float(high)
 
 
-def _within(row: Mapping[str, Any], tries: int | None, solves: int | None) -> bool:
-    spent = (tries is None or row["tries"] <= tries) and (solves is None or row["solves"] <= solves)
-    return bool(row["found"]) and spent
+def _within(row: Mapping[str, Any], tries: int | None, solves: int | None, cpu_s: float | None) -> bool:
+    limits = {"tries": tries, "solves": solves, "cpu_s": cpu_s}
+    return bool(row["found"]) and all(limit is None or row[name] <= limit for name, limit in limits.items())
+
+
+def _budget(tries: int | None, solves: int | None, cpu_s: float | None) -> str:
+    if tries is not None:
+        return "1 try" if tries == 1 else f"{tries} tries"
+    return f"{solves} solves" if solves is not None else f"{cpu_s:g} CPU-s"
 
 
 def _mean(found: Any) -> Share:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from stancekit.planners.errors import InvalidInput
@@ -18,10 +20,15 @@ from stancekit.planners.leap.numbers import LeapNumbers
 from ..selectors.network import AttentionBlock
 from ..selectors.tensors import load_weights, read_tensors, write_tensors
 from .kinds import FORMAT, KINDS, Kind
+from .shipped import file_of
 
 CAPS = {"grip": (0.0, 0.1, 0.3), "room_m": (-0.06, -0.03, 0.0, 0.03)}
 """More than this of a feature may be worth nothing: the smaller of the two is a feature, too."""
 FEATURES = len(OF_CANDIDATE) + sum(map(len, CAPS.values()))
+FOOTHOLDS = 8
+"""P of LeapChoice-v0: all of its classes are of robots with four legs, which push off and land."""
+NONE = -1e8
+"""Score where there is no candidate."""
 CLIP = 8.0
 """Standard deviations beyond which a feature counts for no more."""
 
@@ -83,6 +90,19 @@ class ScoreNetwork(nn.Module):
         scores = scores + self.head(torch.cat([hidden, beside], dim=-1))[..., 0]
         return scores, odds + self.odds(tokens.mean(dim=1))[:, 0]
 
+    def seen(self, candidates: Tensor, mask: Tensor, leap: Tensor) -> tuple[Tensor, Tensor]:
+        """Scores, very low where there is no candidate, and odds, from the flat parts of LeapChoice-v0's observations.
+
+        candidates: shape (B, P * R * F); mask: (B, P * R); leap: (B, G).
+        """
+        table = candidates.reshape(len(candidates), FOOTHOLDS, -1, len(OF_CANDIDATE))
+        there = mask.reshape(len(mask), FOOTHOLDS, -1)
+        capped = [
+            table[..., OF_CANDIDATE.index(name), None].clamp(max=cap) for name, caps in CAPS.items() for cap in caps
+        ]
+        scores, odds = self(torch.cat([table, *capped], dim=-1), there, leap)
+        return scores.masked_fill(there == 0.0, NONE), odds
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeapScorer:
@@ -92,7 +112,7 @@ class LeapScorer:
         network: the scores are its logits.
         origin: what it was learned from, for people.
     Raises:
-        InvalidInput: from ``read``, for a file that is none of a scorer.
+        InvalidInput: from ``read``, for a file that holds no scorer, and a name that does not ship.
     Source:
         None: logistic regression, and self-attention over sets.
     Example:
@@ -114,6 +134,29 @@ class LeapScorer:
             scores, _ = self.network(*(torch.as_tensor(each, dtype=torch.float32)[None] for each in inputs))
         return np.where(seen.mask > 0.0, scores[0].numpy().astype(np.float64), -np.inf)
 
+    def predict(
+        self,
+        observation: Mapping[str, NDArray[np.float32]],
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.int64], Any]:
+        """Choices from observations of LeapChoice-v0, single ones or batches, as policies of stable-baselines3 do.
+
+        deterministic: the best candidate per foothold; otherwise drawn by the softmax of the scores, by torch's own
+        generator.
+        """
+        seen = torch.as_tensor(np.atleast_2d(observation["candidates"]))
+        mask = torch.as_tensor(np.atleast_2d(observation["mask"]))
+        with torch.no_grad():
+            scores = self.network.seen(seen, mask, torch.as_tensor(np.atleast_2d(observation["leap"])))[0]
+        if deterministic:
+            choice = scores.argmax(dim=2).numpy()
+        else:
+            odds = scores.flatten(0, 1).softmax(dim=1)
+            choice = torch.multinomial(odds, 1).reshape(scores.shape[:2]).numpy()
+        return choice if np.ndim(observation["leap"]) > 1 else choice[0], state
+
     def write(self, path: str | Path) -> None:
         """Write a safetensors file."""
         network = self.network
@@ -122,7 +165,8 @@ class LeapScorer:
 
     @classmethod
     def read(cls, path: str | Path) -> LeapScorer:
-        """Read what ``write`` wrote."""
+        """Read what ``write`` wrote, or the scorer of that name that ships."""
+        path = file_of(path)
         header, tensors = read_tensors(path, FORMAT)
         try:
             kind, sizes = header["kind"], [int(header[name]) for name in ("width", "layers", "heads")]

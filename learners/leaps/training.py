@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -36,13 +36,17 @@ for _k, _name in enumerate(OF_CANDIDATE):
 
 @dataclass(frozen=True, kw_only=True)
 class ScorerSettings:
-    """How a scorer is learned.
+    """Settings of learning a scorer.
 
+    part: of the scenes, all of them or a part of the split by hash: what learns from "train" can be judged on "test".
+    scenes: so many of them, the first ones; all where None.
     width, layers: size of a set network. epochs: passes over the tries. batch: scenes per step. rate: of AdamW; decay:
     of its weights. held_out: share of the scenes by which the best pass is chosen. ranking: weight of the loss that
     puts solved tries of a scene before its others, beside that of the odds. seed: of weights, batches and parts.
     """
 
+    part: Literal["all", "train", "test"] = "all"
+    scenes: PositiveInt | None = None
     width: PositiveInt = 64
     layers: PositiveInt = 2
     epochs: PositiveInt = 60
@@ -82,12 +86,12 @@ def fit_scorer(
     settings: ScorerSettings = ScorerSettings(),
     progress: Callable[[int, int], None] | None = None,
 ) -> LeapScorer:
-    """Learn from all tries of a data set. Raises InvalidInput where no try of it is solved, or all are.
+    """Learn from the tries of a data set, or of a part of it. Raises InvalidInput where none of them or all are solved.
 
     The best pass is that after which most held-out scenes have a solved try before all others that were made of them.
     """
     checked_choice(kind, "method", KINDS)
-    rows = _rows(tries)
+    rows = _rows(tries, settings.part, settings.scenes)
     solved = float(rows.solved.sum())
     if not 0.0 < solved < float(rows.there.sum()):
         raise InvalidInput(
@@ -124,14 +128,18 @@ def fit_scorer(
         if progress is not None:
             progress(epoch + 1, settings.epochs)
     network.load_state_dict(best[1])
-    origin = {"method": kind, "settings": vars(settings), "rows": len(tries), "class": tries.problem_class,
+    origin = {"method": kind, "settings": vars(settings), "rows": int(rows.there.sum()), "class": tries.problem_class,
               "seed": tries.header.plan.seed, "held_out_loss": best[0]}  # fmt: skip
     return LeapScorer(network=network.eval(), origin=origin)
 
 
-def _rows(tries: LeapTries) -> _Tries:
+def _rows(tries: LeapTries, part: str = "all", most: int | None = None) -> _Tries:
     found = tries.tries()
+    of_part = np.array([part in ("all", own) for own in tries.parts()])
+    if not of_part.any():
+        raise InvalidInput(f"part: expected scenes in the part {part}, got none of {len(of_part)}")
     pairs = np.unique(np.stack([found["scene"], found["timing"]], axis=1), axis=0)
+    pairs = pairs[np.isin(pairs[:, 0], np.flatnonzero(of_part)[:most])]
     features, own = [], []
     leaps = enumerate(tries.leaps())
     number, leap = next(leaps)

@@ -88,7 +88,7 @@ class JointPath:
 
     @cached_property
     def _turned(self) -> bool:
-        """Whether corners are known."""
+        """Tell whether corners are known."""
         self.judged()
         return True
 
@@ -113,7 +113,7 @@ class JointPath:
         return np.asarray(found.angles[self._kinematics.joints_of(limb)])
 
     def _drawn(self, moments: PathMoments) -> Array:
-        """What the joints are drawn to, shape (T, J)."""
+        """Posture that the joints are drawn to, shape (T, J)."""
         key = self.path.plan.joints_rad
         assert key is not None
         angles = key[moments.before] + moments.share[:, None] * (key[moments.after] - key[moments.before])
@@ -139,7 +139,7 @@ class JointPath:
 
 
 def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) -> WholeBody:
-    """The same as ``Bodies`` takes them."""
+    """Postures as ``Bodies`` takes them."""
     normals = path.normals[moments.surface]
     return WholeBody(
         rotation=postures.rotations, origin_m=postures.origins_m, angles=postures.angles,
@@ -168,7 +168,8 @@ def _reached(kinematics: Kinematics, feet: Array, drawn: Array) -> tuple[Array, 
 
 
 def _rolled(kinematics: Kinematics, moments: PathMoments, rotations: Array, angles: Array, normals: Array) -> Array:
-    """How far feet have rolled since they were put down, shape (T, N, 3) [m]; lifted, they go back to their path.
+    """Distance that feet have rolled since they were put down, shape (T, N, 3) [m]; lifted, they go
+    back to their path.
 
     A sphere that rolls by a small turn ω moves by ω × r n.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..files.documents import read_yaml
 from ..files.validation import validated
 from ..robot.leg_limits import leaping_robot
 from ..robot.model import LegLimits, Limb, Robot
+from ..robot.robot_file import YAML
 from ..terrain.families import family_terrain
 from ..terrain.family import SCENE
 from ..terrain.patch import Patch
@@ -33,8 +35,8 @@ MIDDLE_M = float(SCENE[:, 0].mean())
 class LeapClass(BaseModel):
     """The numbers of a class of leaps; pairs are the ends of what is drawn evenly.
 
-    robot: "nameless" or a robot's name. height_m: of the body over its toes at both ends. jump_m: ahead; aside_m,
-    rise_m: of the goal. toes_m: nominal place of the first limb's toe (ahead, aside), mirrored for the others.
+    robot: "nameless", or a robot's name or file. height_m: of the body over its toes at both ends. jump_m: ahead;
+    aside_m, rise_m: of the goal. toes_m: nominal place of the first limb's toe (ahead, aside), mirrored for the others.
     spread_m: how far candidates lie from it, along each axis, and drop_m up and down. radius_m: of the triangular
     patches; steep_deg: their inclination. terrain: a family of terrain in place of such patches, at a level in
     ``level``: candidates are pieces of its surfaces, ``window_m`` wide, the nearest to the toe's place first, and the
@@ -111,7 +113,8 @@ class LeapClass(BaseModel):
     def _place(
         self, scene: Terrain, robot: Robot, xy_m: Array
     ) -> tuple[Array, list[tuple[Patch, ...]]] | None:
-        """Where the body is over a place, and the candidates of every toe; None where a toe has none."""
+        """Place of the body over a point, and the candidates of every toe; None where a toe has
+        none."""
         toes = [xy_m + self._toe(limb, 0.0)[:2] for limb in robot.limbs]
         ground = [float(scene.grid(toe[:1], toe[1:])[0, 0]) for toe in toes]
         ground = [height for height in ground if height != VOID_M]
@@ -166,14 +169,20 @@ class LeapClass(BaseModel):
 
 
 def leap_class(name: str) -> LeapClass:
-    """The class of a name in ``configs/leaps.yaml``. Raises InvalidInput for another one."""
+    """The class of a name in ``configs/leaps.yaml``, or the one that a YAML file describes, whose name ends so.
+
+    Raises InvalidInput for another name, and for a file that describes none.
+    """
+    if Path(name).suffix in YAML:
+        return validated(LeapClass, read_yaml(name) or {}, name)
     classes = _classes()
     return classes[checked_choice(name, "distribution", classes)]
 
 
 def is_leap_class(name: str) -> bool:
-    """Whether a name speaks of a class of leaps, be there one or not."""
-    return name == "leap" or name.startswith("leap-")
+    """Tell whether a name, or a file's, speaks of a class of leaps, be there one or not."""
+    last = Path(name).name
+    return last == "leap" or last.startswith("leap-")
 
 
 def leap_classes() -> tuple[str, ...]:

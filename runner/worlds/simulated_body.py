@@ -34,7 +34,7 @@ NEAR = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SimulatedBody:
-    """What a simulator loads.
+    """Description of a body that a simulator loads.
 
     urdf: text, of links with masses and convex shapes; hulls: the contents of the OBJ files that it names. base: the
     root link, whose pose is the body's. joints: the legs', in the model's order. feet: the links that are feet, and
@@ -79,7 +79,9 @@ def simulated_body(model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: 
     base = next(name for name in links if name not in children)
     _check_weights(root, model)
     _weigh(links, base, model.body.mass_kg, mass_share)
-    turned = {joint.get("name", ""): joint.find("child").get("link", "") for joint in root.findall("joint")}  # type: ignore[union-attr]
+    turned = dict[str, str]()
+    for joint in root.findall("joint"):
+        turned[joint.get("name", "")] = joint.find("child").get("link", "")  # type: ignore[union-attr]
     for name, rotor in zip(joints, () if rotors_kg_m2 is None else rotors_kg_m2, strict=rotors_kg_m2 is not None):
         _add_rotor(links[turned[name]], float(rotor))
     return SimulatedBody(
@@ -201,7 +203,8 @@ def _add_rotor(link: Element, rotor_kg_m2: float) -> None:
 
 
 def _rounded_off(inertia: Array) -> float:
-    """What an inertia lacks of each principal moment where no body has it: files round those of thin ones off."""
+    """Shortfall of an inertia's principal moments where no body has them: files round the moments
+    of thin bodies off."""
     small, middle, large = np.linalg.eigvalsh(inertia)
     lacks = max(large - small - middle, LEAST * large - small)
     return float(lacks) if lacks > 0.0 else 0.0

@@ -75,6 +75,20 @@ def test_masked_and_repeated_choices_are_failed_tries_and_say_so():
         assert (first["repeated"], again["repeated"], again["solves"] - first["solves"], cut_off) == (0, 1, 1, True)
 
 
+@pytest.mark.parametrize("problem", ["leap-stairs", "leap-given"])
+def test_every_scene_has_the_shape_of_the_class_whatever_candidates_it_has(problem):
+    env, options = LeapChoiceEnv(problem=problem), leap_class(problem).candidates
+    counts = set()
+    for seed in range(8):
+        observation, _ = env.reset(seed=seed)
+        assert env.observation_space.contains(observation)
+        mask = env.action_masks().reshape(8, options)
+        own = [len(foothold.candidates) for foothold in env.numbers.leap.footholds]
+        assert mask.sum(axis=1).tolist() == own
+        counts |= set(own)
+    assert len(counts) > 1
+
+
 def test_what_the_last_try_lacks_is_in_the_next_observation():
     env = LeapChoiceEnv(problem="leap-hard", solves=25)
     lacking = 0

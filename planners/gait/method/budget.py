@@ -1,4 +1,5 @@
-"""What a plan has spent: every solve goes through one budget, which records it, holds it to its caps and shows it."""
+"""Budget of a plan: every solve goes through one budget, which records it, holds it to its caps and
+shows it."""
 
 from __future__ import annotations
 
@@ -89,7 +90,7 @@ class SolveBudget:
 
     @property
     def exhausted(self) -> bool:
-        """Whether there is nothing left to spend, or the caller asked to stop."""
+        """Tell whether there is nothing left to spend, or the caller asked to stop."""
         return self.stopped or self.left_s <= VERDICT_S or self._left <= 0
 
     def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:

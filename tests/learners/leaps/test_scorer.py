@@ -9,7 +9,7 @@ import torch
 import stancekit
 from stancekit.learners.leaps.kinds import FORMAT
 from stancekit.learners.leaps.scorer import LeapScorer, ScoreNetwork, with_caps
-from stancekit.learners.leaps.training import _LEAP_SIGNS, _SIGNS, ScorerSettings, _fit_scales, _loss, _Tries
+from stancekit.learners.leaps.training import _LEAP_SIGNS, _SIGNS, ScorerSettings, _fit_scales, _loss, _rows, _Tries
 from stancekit.learners.selectors.tensors import write_tensors
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.features import OF_CANDIDATE, LeapFeatures
@@ -122,6 +122,20 @@ def test_scores_are_learned_from_tries_written_read_and_planned_with(kind, tries
 def test_the_best_pass_is_no_worse_than_the_first(tries):
     losses = [stancekit.fit(tries, "additive", epochs=n, rate=0.02).origin["held_out_loss"] for n in (1, 12)]
     assert losses[1] < losses[0]
+
+
+def test_what_learns_from_a_part_sees_nothing_of_the_other(tries):
+    parts = tries.parts()
+    assert set(parts) == {"train", "test"}
+    counts = {part: sum(parts[scene] == part for scene in tries.tries()["scene"]) for part in ("train", "test")}
+    for part, count in counts.items():
+        assert _rows(tries, part).there.sum() == count
+    train, test = (_rows(tries, part).leap for part in ("train", "test"))
+    assert not (train[:, None] == test[None]).all(dim=2).any()
+    assert stancekit.fit(tries, "additive", part="train", epochs=1).origin["rows"] == counts["train"]
+    assert len(_rows(tries, "train", 2)) == 2
+    with pytest.raises(InvalidInput, match=r"part: expected .*train"):
+        stancekit.fit(tries, "additive", part="some")
 
 
 def test_bad_input_is_refused_in_one_line(tries, tmp_path):

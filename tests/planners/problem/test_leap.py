@@ -166,3 +166,17 @@ def test_a_limb_without_limits_is_its_shoulder(leap: Leap) -> None:
     bare = Limb(name="A", shoulder_m=np.array([0.1, 0.0, 0.0]), reach_m=0.3)
     assert (leap.leg(bare).speed_m_s, leap.leg(bare).fold_m) == (math.inf, 0.0)
     assert leap.leg(bare).hip_m.tolist() == [0.1, 0.0, 0.0]
+
+
+def test_a_class_of_ones_own_is_a_file_and_draws_what_its_keys_say(tmp_path):
+    same = tmp_path / "leap-same.yaml"
+    same.write_text("{jump_m: [0.85, 1.15], friction: [0.1, 0.7]}\n")
+    one, other = (leap_class(name).draw(np.random.default_rng(3)) for name in (str(same), "leap-hard"))
+    assert leap_to_json(one) == leap_to_json(other)
+    for text, line in (("robott: 3", "robott: unknown key"), ("candidates: 0", "candidates: "), ("[1, 2]", "leap-")):
+        same.write_text(text)
+        with pytest.raises(InvalidInput, match=line) as caught:
+            leap_class(str(same))
+        assert "\n" not in str(caught.value)
+    with pytest.raises(InvalidInput, match="found nothing"):
+        leap_class(str(tmp_path / "leap-none.yaml"))
