@@ -22,6 +22,8 @@ FARTHEST = 1e15
 """Cells from the origin, numbers of which are still exact."""
 MOST_FILLED = 400_000
 """Holes in cells that are filled at once."""
+HIGHEST_M = 0.9 * LARGEST
+"""No height of a map is farther from 0: what is planned on it is higher, and stays within what values may be [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,6 +75,8 @@ class ElevationMap:
                 f"{self.name}: expected heights within {WIDEST_M:g} m, got {np.nanmax(heights) - np.nanmin(heights):g} "
                 "m from lowest to highest; a file in millimetres is read with unit_m=0.001"
             )
+        if (far := float(np.nanmax(np.abs(heights)))) > HIGHEST_M:
+            raise InvalidInput(f"{self.name}: expected heights up to {HIGHEST_M:g} m, got {far:g}")
         heights.setflags(write=False)
         object.__setattr__(self, "heights_m", heights)
 
