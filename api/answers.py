@@ -192,7 +192,8 @@ def _proof(answer: Answer[Any]) -> Certificate | None:
 
 
 def _evidence(answer: Answer[Any]) -> Any:
-    """What an answer rests on, as ``verify`` takes it: its solution, or the proof that there is none."""
+    """Evidence that an answer rests on, as ``verify`` takes it: its solution, or the proof that
+    there is none."""
     proof = _proof(answer)
     if proof is not None:
         return proof

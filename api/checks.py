@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -117,8 +116,8 @@ def _check_motion(path: Path, robot: str | Path | None, course: str | None, terr
     from stancekit.planners.formats.motion_file import read_motion
     from stancekit.planners.physics import GRAVITY_M_S2
     from stancekit.planners.verify.motions import check_motion
-    from stancekit.runner.export.formats import scene_of
     from stancekit.runner.export.mjcf import read_keys
+    from stancekit.runner.export.moved import scene_of
 
     if (terrain is None) == (course is None):
         given = "neither" if terrain is None else "both"
@@ -199,12 +198,12 @@ def check_rows(
     tolerance, why: as for files, which are refused here. Raises InvalidInput also for what is no data set.
     """
     from stancekit.envs.data.leap_tries import LeapTries, open_rows
-    from stancekit.envs.data.pools import folder_of
+    from stancekit.envs.data.pools import check_there
     from stancekit.learners.data.labelling import recheck
     from stancekit.learners.data.leap_tries import recheck_leaps
 
-    if isinstance(source, str | Path) and not os.path.exists(folder_of(source)):
-        raise InvalidInput(f"{source}: expected a plan, proof, gait or data set, found nothing there")
+    if isinstance(source, str | Path):
+        check_there(source)
     for name, given in (("explain", why), ("tolerance", tolerance != TOLERANCE)):
         if given:
             wanted = "expected a file of answers with it, got a data set, which has its own plan"
@@ -240,7 +239,7 @@ def check_answers(
 
 
 def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
-    """What is said of an answer; of one that lacks its evidence, that."""
+    """Verdict on an answer; where the answer lacks its evidence, the verdict says so."""
     answer, status = answer_from_json(claim, problem), _status(claim)
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:

@@ -129,7 +129,7 @@ def plan(
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are missing or have no
             use.
     Source:
-        Paper E §IV-B, E11, E1-E10 in every stance.
+        Lin et al. §IV-B, E11, E1-E10 in every stance.
     Example:
         >>> import stancekit
         >>> outcome = stancekit.plan("stairs", stancekit.TwoStage(reserve=False), frames=4)

@@ -19,9 +19,11 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_json, read_text
+from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import check_writable, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
-from stancekit.runner.export.formats import FORMATS, Subject, beside, moved_of
+from stancekit.runner.export.formats import FORMATS, beside, moved_of
+from stancekit.runner.export.moved import Subject
 from stancekit.runner.motion.time_parametrization import RATE_HZ
 
 from .walks import walk
@@ -40,7 +42,7 @@ MOST_DRAWS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedMotions:
-    """What ``export`` wrote of motions.
+    """Record of the motions that ``export`` wrote.
 
     Arguments:
         paths: the files.
@@ -80,8 +82,8 @@ def export(
 ) -> Exported | ExportedMotions:
     """Write a motion in the format of another program, many of them over drawn terrain, or labelled rows.
 
-    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body, with names. A file is
-    judged before it is exported; a plan, a walk or a leap that is handed over as a value is taken as it is.
+    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body, with names. A plan, a
+    walk or a leap is judged before it is exported, a value as well as a file, whatever either says of itself.
 
     Arguments:
         subject: a plan, a walk or a leap, or the file of one; a family's level as "rough:0.1" with ``count``; or a
@@ -98,8 +100,8 @@ def export(
     Returns:
         ``ExportedMotions``, or ``Exported`` for a data set.
     Raises:
-        InvalidInput: for a file that the verifier does not accept, a format of joints where they are not known, a
-            package that is not installed, and where nothing can be written.
+        InvalidInput: for what the verifier does not accept, a format of joints where they are not known, a package
+            that is not installed, and where nothing can be written.
     Source:
         docs/exports.md names the source of each format.
     Example:
@@ -123,16 +125,19 @@ def export(
         assert not isinstance(subject, Plan | LeapPlan | Trajectory)
         return _rows(subject, path, to or MINARI, room, progress)
     assert not isinstance(subject, Dataset)
-    motion = subject if isinstance(subject, Plan | LeapPlan | Trajectory) else read_accepted(Path(subject))
     source = _called(subject)
     chosen = _format(to, path)
     if path is None:
         if not isinstance(subject, str | Path):
-            raise InvalidInput(f"out: expected a file for {_called(subject)}, got none")
+            raise InvalidInput(f"out: expected a file for {source}, got none")
         path = beside(Path(subject), chosen)
     if path.suffix not in FORMATS[chosen].suffixes:
         raise InvalidInput(f"out: expected a name that ends in {' or '.join(FORMATS[chosen].suffixes)}, got {path}")
     check_writable(path)
+    if isinstance(subject, str | Path):
+        motion = read_accepted(Path(subject))
+    else:
+        check_accepted(motion := subject, source)
     moved = moved_of(motion, chosen, rate_hz, source)
     FORMATS[chosen].write(moved, path)
     if progress is not None:
@@ -143,26 +148,44 @@ def export(
 def read_accepted(path: Path) -> Subject:
     """The plan, walk or leap of a file, if the verifier accepts it now, whatever the file says. Raises InvalidInput."""
     from stancekit.planners.formats import leap_file, plan_file, trajectory_file
+
+    subject: Subject | None
+    if plan_file.is_plan_file(path):
+        subject = plan_file.read_plan(path)[0]
+    elif leap_file.is_leap_file(path):
+        subject = leap_file.read_leap(path).plan
+        if subject is None:
+            raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")
+    elif trajectory_file.is_trajectory(read_json(path)):
+        subject = trajectory_file.read_trajectory(path).trajectory
+    else:
+        raise InvalidInput(f"{path}: expected a plan, a walk, a leap, or the folder of a data set")
+    check_accepted(subject, str(path))
+    return subject
+
+
+def check_accepted(subject: Subject, source: str) -> None:
+    """Raise InvalidInput for a plan, a walk or a leap that the verifier does not accept.
+
+    Arguments:
+        subject: what is judged.
+        source: where it is from, for the message.
+    """
+    from stancekit.planners.answer.report import Report
     from stancekit.planners.verify.leaps import check_leap
     from stancekit.planners.verify.trajectories import check_trajectory
     from stancekit.runner.acceptance import judged
 
-    if plan_file.is_plan_file(path):
-        plan = plan_file.read_plan(path)[0]
-        if not (report := judged(plan)).accepted:
-            raise InvalidInput(f"{path}: expected a plan that the verifier accepts, it says: {report.message}")
-        return plan
-    if leap_file.is_leap_file(path):
-        leap = leap_file.read_leap(path).plan
-        if leap is None or not check_leap(leap).accepted:
-            raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")
-        return leap
-    if trajectory_file.is_trajectory(read_json(path)):
-        trajectory = trajectory_file.read_trajectory(path).trajectory
-        if not (verdict := check_trajectory(trajectory)).accepted:
-            raise InvalidInput(f"{path}: expected a gait that the verifier accepts, it says: {verdict.message}")
-        return trajectory
-    raise InvalidInput(f"{path}: expected a plan, a walk, a leap, or the folder of a data set")
+    report: Report[Plan] | Report[LeapPlan] | Report[Trajectory]
+    match subject:
+        case Plan():
+            what, report = "plan", judged(subject)
+        case LeapPlan():
+            what, report = "leap", check_leap(subject)
+        case Trajectory():
+            what, report = "gait", check_trajectory(subject)
+    if not report.accepted:
+        raise InvalidInput(f"{source}: expected a {what} that the verifier accepts, it says: {report.message}")
 
 
 def _called(subject: object) -> str:
@@ -216,6 +239,8 @@ def _drawn(
     asked = {"format": "stancekit/motions/1", "level": level, "to": to, "rate_hz": rate_hz, "robot": robot}
     ledger = folder / LEDGER
     lines = list(_ledger(ledger, asked))
+    if not lines:  # before the first motion, so that whoever is killed in it can go on
+        write_text(ledger, json.dumps(asked) + "\n")
     for seed in range(MOST_DRAWS * (count + 1)):
         if sum("file" in line for line in lines) >= count:
             break
@@ -233,18 +258,21 @@ def _drawn(
 
 
 def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]:
-    """What a folder's ledger says of each draw. Raises InvalidInput for one of other motions."""
+    """Read what a folder's ledger says of each draw. Raises InvalidInput for one of other motions.
+    """
     if not path.exists():
         if any(path.parent.iterdir()):
             raise InvalidInput(
                 f"{path.parent}: expected a new folder, an empty one or one of drawn motions, found files in it"
             )
         return
-    head, *rest = [parse_json(line, str(path)) for line in read_text(path).splitlines()]
+    head, *rest = [parse_json(line, str(path)) for line in read_text(path).splitlines()] or [None]
     if head != asked:
         different = next((name for name in asked if not isinstance(head, dict) or head.get(name) != asked[name]), "")
         raise InvalidInput(f"{path}: {different}: expected {asked[different]!r}, found motions of another one there")
-    for line in rest:
+    for number, line in enumerate(rest, 2):
+        if not isinstance(line, dict) or not isinstance(line.get("file", line.get("refused")), str):
+            raise InvalidInput(f"{path}: line {number}: expected a ground with its file or a reason, got {shown(line)}")
         if "file" in line and not (path.parent / line["file"]).exists():
             raise InvalidInput(f"{path.parent / line['file']}: expected the motion that {LEDGER} names, found nothing")
         yield line

@@ -202,7 +202,7 @@ def _only(problems: list[Problem], path: Path) -> Problem:
 
 
 def _is_folder(path: Path) -> bool:
-    """Whether a folder has this name; no name that no file can have does."""
+    """Tell whether a folder has this name; False for a name that no file can have."""
     try:
         return path.is_dir()
     except (OSError, ValueError):

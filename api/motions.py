@@ -192,7 +192,7 @@ def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGai
 
 
 def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted | Problem:
-    """What a policy walks: a course, or a plan that it begins with. Raises InvalidInput for a walk."""
+    """Course that a policy walks, or plan that it begins with. Raises InvalidInput for a walk."""
     if isinstance(motion, Problem):
         return motion
     if isinstance(motion, str | Path) and _is_course(motion, data := _json_of(motion)) and not is_trajectory(data):
@@ -234,7 +234,7 @@ def _is_course(path: str | Path, data: object) -> bool:
 
 
 def _ground(asked: Accepted | AcceptedGait, settings: RunSettings) -> Terrain:
-    """What the world has: the terrain with a share of the friction that is counted on."""
+    """Ground of the world: the terrain with a share of its friction."""
     if isinstance(asked, AcceptedGait):
         return asked.ground(settings.friction_share)
     return slippery(asked.plan.problem, settings.friction_share).terrain

@@ -53,7 +53,7 @@ def draw(
         InvalidInput: for another kind of thing, for an answer or an envelope of other contacts or of no posture
             problem, and for a file that cannot be written.
     Source:
-        Paper E Fig. 2 (a scene); paper W Fig. 3 (a walk).
+        Lin et al. Fig. 2 (a scene); Pan et al. Fig. 3 (a walk).
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]

@@ -56,7 +56,7 @@ def solve(
         InvalidInput: for an unknown method, a setting or a limit that it has no use for, envelopes that are missing or
             were learned for other problems, and a solver that is not installed.
     Source:
-        Paper E §II (P, E1-E11), §III (P1, P2).
+        Lin et al. §II (P, E1-E11), §III (P1, P2).
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]

@@ -35,7 +35,7 @@ def sample(
 
     Arguments:
         problems: something with ``sample(rng)``, or the name of a distribution: "ground-k" and "wall-k" (k limbs on the
-            ground or on two facing walls; paper E has "ground-3", "wall-3", "wall-5"), "terrain-k" (cut from
+            ground or on two facing walls; Lin et al. have "ground-3", "wall-3", "wall-5"), "terrain-k" (cut from
             ``terrain``), one that a package registered under the entry point ``stancekit.distributions``,
             "FILE.py:NAME", or a YAML file.
         count: how many, 1 or more.
@@ -48,7 +48,7 @@ def sample(
     Raises:
         InvalidInput: for a name that there is not, or a count below 1 or above a million.
     Source:
-        Paper E §IV-A, G(θ).
+        Lin et al. §IV-A, G(θ).
     Example:
         >>> import stancekit
         >>> first, second = stancekit.sample("wall-3", 2, rng=7)
@@ -65,7 +65,7 @@ def distribution(
     robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
 ) -> Distribution:
-    """What ``sample`` draws from. Raises InvalidInput."""
+    """Distribution that ``sample`` draws from. Raises InvalidInput."""
     from stancekit.envs.distributions.postures import distribution_of  # loads Gymnasium
 
     return distribution_of(problems, robot=robot, terrain=terrain)

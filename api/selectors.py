@@ -80,7 +80,7 @@ def fit(
     Raises:
         InvalidInput: for an unknown method or setting, and rows that the method lacks.
     Source:
-        Paper E §III-B, Algorithm E2; §IV-A.
+        Lin et al. §III-B, Algorithm E2; §IV-A.
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -150,7 +150,8 @@ def evaluate(
     workers: int | Executor = 1,
     progress: Progress | None = None,
 ) -> Score:
-    """How often P1 answers right over the envelopes that a selector chooses, and how often P2 gets back.
+    """Measure how often P1 answers right over the envelopes that a selector chooses, and how often
+    P2 gets back.
 
     Arguments:
         selector: what ``fit`` returned, envelopes, a file of either, the name of one that ships, or "FILE.py:NAME"; or
@@ -168,7 +169,7 @@ def evaluate(
         InvalidInput: for a selector of another class of problems, a data set without rows that are not trivial, and
             rows that the selector was trained or calibrated on.
     Source:
-        Paper E Table I.
+        Lin et al. Table I.
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))

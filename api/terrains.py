@@ -77,7 +77,7 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
     Raises:
         InvalidInput: for a file that cannot be read, an unknown name, and numbers out of range.
     Source:
-        Paper W §V, for the reference terrains.
+        Pan et al. §V, for the reference terrains.
     Example:
         >>> import stancekit
         >>> stancekit.heights("hill").domain_m

@@ -1,4 +1,5 @@
-"""What calls looked like before: old arguments are taken for one release, each with a warning that has the new form."""
+"""Old forms of calls, which are accepted for one release, each with a warning that shows the new
+form."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def walk(
         InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet that the
             robot lacks, a walk longer than its time.
     Source:
-        Paper W §III (W1-W7), §IV (charts), §V.
+        Pan et al. §III (W1-W7), §IV (charts), §V.
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
@@ -138,7 +138,7 @@ def search_of(
     seeds: int = 1,
     seed: int = 0,
 ) -> tuple[GaitSettings, Caps, list[Attempt]]:
-    """How ``plan_gait`` is to look for a walk, by arguments of ``walk``. Raises InvalidInput."""
+    """Settings of ``plan_gait`` from the arguments of ``walk``. Raises InvalidInput."""
     checked_number(time_limit_s, "time_limit_s", above=0.0)
     checked_int(seeds, "seeds", least=1, most=MOST_SEEDS)
     checked_int(seed, "seed", least=0)

@@ -4,7 +4,7 @@
 
 knolls.npy: a random smooth map of .3 m wavelength and more, a grid of 5 cm, up to 25° steep. ramps.stl: a mesh of
 planes ahead of level ground: up a ramp of 17°, steeper to the left, over a crest that leans by 3° and down again.
-``mound`` is a mesa as paper W's hill, lower and less steep: 24° at its edge in place of 60°, so that feet that only
+``mound`` is a mesa as Pan et al.'s hill, lower and less steep: 24° at its edge in place of 60°, so that feet that only
 push walk over it; ``benchmarks/_grounds.py:mound`` is its name as a terrain. A walk of the benchmark begins in the
 middle of each.
 """

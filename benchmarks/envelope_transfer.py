@@ -4,7 +4,7 @@
 
 Envelope: learned once from solved ground-3 postures. Posture problems of the same distribution are drawn in warped
 space, at random places, and pushed forward to the terrain. `chart` pushes the envelope with them, `direct`
-takes its box in the world's axes as it was learned. P1 and P2 are shares as in paper E's Table I: P1 answers as the
+takes its box in the world's axes as it was learned. P1 and P2 are shares as in Lin et al.'s Table I: P1 answers as the
 exact planner does; P1 → P2 ends on the bilinear surface.
 """
 

@@ -2,11 +2,11 @@
 
     python benchmarks/exports.py FILE.json ... [--to csv npz mujoco] [--out LINES.jsonl]
 
-Every file of a plan or a walk is exported, read back and judged beside the table that was exported: the same verdict,
-and figures within 1e-6; once more without contacts and forces: the same verdict per group where it is known; and four
-times spoiled, each of which has to be found: a foot that slips by 40 mm along x where it stands, a foot that goes 30 mm
-into what it stands on, a joint 0.05 rad beyond its limit, a body 60 mm beside
-the outermost foot that stands, which tips over. FILEs are what ``stancekit plan`` and ``gait`` write.
+Every file of a plan or a walk is exported and the export verified, by the functions of the two commands, beside the
+table that was exported: the same verdict, and figures within 1e-6; once more without contacts and forces: the same
+verdict per group where it is known; and four times spoiled, each of which has to be found: a foot that slips by 40 mm
+along x where it stands, a foot that goes 30 mm into what it stands on, a joint 0.05 rad beyond its limit, a body 60 mm
+beside the outermost foot that stands, which tips over. FILEs are what ``stancekit plan`` and ``gait`` write.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+import stancekit
+from stancekit.checks import check_file
 from stancekit.exports import read_accepted
 from stancekit.planners.answer.motion_table import MotionTable
 from stancekit.planners.answer.report import Report
-from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.verify.motions import check_motion, nearest
-from stancekit.runner.export.formats import FORMATS, moved_of, scene_of
-from stancekit.runner.export.mjcf import read_keys
+from stancekit.runner.export.formats import FORMATS, moved_of
+from stancekit.runner.export.moved import scene_of
 from stancekit.runner.worlds.world import Terrain
 
 SLIP_M, DEEP_M, BEYOND_RAD, BESIDE_M = 0.04, 0.03, 0.05, 0.06
@@ -49,7 +50,7 @@ class Exports:
     def run(self) -> None:
         """Judge all of them, and say what came of it."""
         lines = [self._line(path) for path in self.files]
-        for name in ("same", "stripped_same", *WANTED):
+        for name in ("accepted", "same", "stripped_same", *WANTED):
             print(f"{name}: {sum(line[name] is True for line in lines)} of {len(lines)}")
         print(f"figures off by {max(float(line['off']) for line in lines):.2g} at most")
 
@@ -68,8 +69,8 @@ class Exports:
         with TemporaryDirectory() as folder:
             for to in self.to:
                 file = Path(folder) / f"motion{FORMATS[to].suffixes[0]}"
-                FORMATS[to].write(moved, file)
-                back = judged(read_keys(file) if file.suffix == ".xml" else read_motion(file))
+                stancekit.export(path, file, to=to)
+                back = check_file(file, terrain=path).report
                 known = [(a, b) for a, b in zip(first.groups, back.groups, strict=True) if not b.message]
                 if to == "mujoco":  # contacts are derived there: what does not rest on them is compared
                     apart = ("slip", "balance")

@@ -50,7 +50,7 @@ class Arguments(Options):
     held_out: int = 500
     delta: float = 0.1
     picture: Path | None = None
-    """Paper E's Fig. 4 of all searches."""
+    """Lin et al.'s Fig. 4 of all searches."""
 
 
 def main(arguments: Arguments) -> None:

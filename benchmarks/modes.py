@@ -1,4 +1,4 @@
-"""Whether z switches where the terrain does: mode switching over perturbed ground-to-wall courses (paper E §IV-B.3).
+"""Whether z switches where the terrain does: mode switching over perturbed ground-to-wall courses (Lin et al. §IV-B.3).
 
     python benchmarks/modes.py [--courses 20] [--seed 2] [--samples 500] [--share 0] [--json]
 

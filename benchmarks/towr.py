@@ -88,12 +88,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def compiled(folder: Path) -> Path:
-    """The program of ``leap.cc``, compiled where it is not there yet."""
+def compiled(folder: Path, name: str = "leap") -> Path:
+    """The program of ``NAME.cc``, compiled where it is not there yet."""
     own = Path(casadi.__file__).parent
     parts = ("ifopt/ifopt_core", "ifopt/ifopt_ipopt", "towr/towr")
     sources = [
-        HERE / "leap.cc",
+        HERE / f"{name}.cc",
         *(one for part in parts for one in (folder / part / "src").glob("*.cc")),
     ]
     if len(sources) < 10:
@@ -110,7 +110,7 @@ def compiled(folder: Path) -> Path:
         if not made.exists() or made.stat().st_mtime < source.stat().st_mtime:
             flags = ["-std=c++14", "-O2", "-DNDEBUG", "-w", *(f"-I{path}" for path in headers)]
             subprocess.run(["g++", *flags, "-c", str(source), "-o", str(made)], check=True)
-    program = folder / "leap"
+    program = folder / name
     link = [f"-L{own}", f"-Wl,-rpath,{own}", "-l:libipopt.so.3"]
     subprocess.run(["g++", *objects, *link, "-o", str(program)], check=True)
     print(f"compiled in {time.perf_counter() - begun:.0f} s", file=sys.stderr)

@@ -10,7 +10,7 @@ follow, each with a heading and a length of its own, up to that, drawn from --se
 for drawn ones alone. It is run as it is, whatever the joints' limits; why the runner would have refused it else is said
 at the end of its row, unless --no-fits. Rows that are in --folder are not measured again.
 Terrains: any name or file that ``stancekit gait`` takes, so also a map of one's own; ``_grounds.py`` writes some. On
-the cone, whose slope is .6, μ = .6 leaves feedback nothing, and ANYmal B falls: paper W has .75 there.
+the cone, whose slope is .6, μ = .6 leaves feedback nothing, and ANYmal B falls: Pan et al. have .75 there.
 
 body: distance of the body's origin from where it should be, root mean square, worst, and at the end [mm]. slip: of the
 worst stance since its foot touched, and stances with more than 10 mm. late: how long after it should have the last foot

@@ -1,4 +1,4 @@
-"""Warp maps: the published methods beside ours, on the reference terrains (paper W §IV-B, Figs. 4 and 5).
+"""Warp maps: the published methods beside ours, on the reference terrains (Pan et al. §IV-B, Figs. 4 and 5).
 
     python benchmarks/warp.py [--terrains ripple cone hill pit] [--cells 24 24 6] [--picture NAME.png] [--json]
 

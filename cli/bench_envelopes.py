@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class BenchEnvelopes:
-    """Paper E's Table I, every method on held-out terrains, with 95 % intervals and the paper's own rows.
+    """Lin et al.'s Table I, every method on held-out terrains, with 95 % intervals and the paper's own rows.
 
     Labels training, calibration and test terrains, learns a selector by every method of the configuration, and rolls
     all of them out on the same test terrains. Data sets, selectors, rows and pictures are kept in a folder: a run that

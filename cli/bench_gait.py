@@ -1,4 +1,4 @@
-"""``stancekit bench gait``: paper W's four benchmarks, its Table I, every chart and the product beside them."""
+"""``stancekit bench gait``: Pan et al.'s four benchmarks, its Table I, every chart and the product beside them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WIDTH = 180
 
 @dataclass
 class BenchGait:
-    """Paper W's benchmarks: 24 directions on ripple and cone, 15 targets on hill and pit, by every chart.
+    """Pan et al.'s benchmarks: 24 directions on ripple and cone, 15 targets on hill and pit, by every chart.
 
     Success is the paper's: a largest violation below 1e-4 within 200 iterations; verified success: the verifier accepts
     what the motion does between the knots. Each task from the terrain-following guess and from perturbed ones.
@@ -123,13 +123,13 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def success_table(records: list[dict[str, Any]]) -> Table:
-    """Paper W's Table I: success, and what the verifier accepts of it."""
+    """Pan et al.'s Table I: success, and what the verifier accepts of it."""
     from rich.table import Table
 
     terrains = list(dict.fromkeys(record["terrain"] for record in records))
     found = Table(
         title="Table I",
-        caption="success % / verified %, of as many cells; (paper W's success %); ! n: n cells were cut off by --cap; "
+        caption="success % / verified %, of as many cells; (% of Pan et al.); ! n: n cells were cut off by --cap; "
         "–: not measured",
     )
     found.add_column("method", no_wrap=True)
@@ -162,7 +162,7 @@ def speed_table(records: list[dict[str, Any]]) -> Table:
 
 
 def motion_table(records: list[dict[str, Any]]) -> Table:
-    """What the motions do between the nodes."""
+    """Table of what the motions do between the nodes."""
     return _table(
         records,
         "Between the nodes",
@@ -219,7 +219,8 @@ def comparisons(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def products(records: list[dict[str, Any]]) -> list[str]:
-    """What a verified walk costs, how much it is smoothed, and how many points verified success is below success."""
+    """Cost of a verified walk, how much it is smoothed, and how many points verified success is
+    below success."""
     from stancekit.learners.evaluation.gait_bench import METHODS
 
     found = []

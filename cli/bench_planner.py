@@ -1,4 +1,4 @@
-"""``stancekit bench planner``: paper E's Table II, solve times and sizes of the planners of courses."""
+"""``stancekit bench planner``: Lin et al.'s Table II, solve times and sizes of the planners of courses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WIDTH = 150
 
 @dataclass
 class BenchPlanner:
-    """Paper E's Table II: how long planning two-wall climbs takes, and how large the programs are.
+    """Lin et al.'s Table II: how long planning two-wall climbs takes, and how large the programs are.
 
     One run and one thread each: the two-stage planners with compiling and re-solving apart, and MICP without and with
     an envelope under a time limit, the paper's own times beside them. A run that is stopped goes on with the next cell.
@@ -99,7 +99,8 @@ def table(rows: list[dict[str, Any]]) -> Table:
 
 
 def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
-    """How many times less CPU time MICP takes than over [−1, 1] with as many intervals, by number of key frames."""
+    """Factor by which MICP takes less CPU time than over [−1, 1] with as many intervals, per number
+    of key frames."""
     from stancekit.learners.evaluation.planner_bench import FORMS
 
     by_cell = {(row["method"], row["frames"], row["optimised"]): row for row in rows}

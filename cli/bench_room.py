@@ -25,7 +25,8 @@ QUICK = 40
 
 @dataclass
 class BenchRoom:
-    """How much room for learning an environment leaves: what any method finds, less what the best unlearned one finds.
+    """Measure how much room for learning an environment leaves: what any method finds, less what
+    the best unlearned one finds.
 
     One line per budget, one try and so many convex problems: random choices, the best unlearned control, the
     learned scores where files of them are given, and the oracle, which is the union of all methods at a larger budget.

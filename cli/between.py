@@ -44,7 +44,8 @@ class Between:
     def question(
         self, name: str, frames: int | None, robot: str | None, reach: Path | None
     ) -> Footholds | Problem | str:
-        """What ``stancekit.plan`` takes as the course. Raises InvalidInput for options that do not go together."""
+        """Course as ``stancekit.plan`` takes it. Raises InvalidInput for options that do not go
+        together."""
         from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.terrain.import_options import SUFFIXES
 
@@ -156,7 +157,7 @@ class Between:
 
 
 def _where_friction_is(name: str) -> str:
-    """Of a course that comes with the package: which file to copy."""
+    """Name the file to copy for a course that comes with the package."""
     from stancekit.planners.problem.course_file import builtin_courses
 
     if name not in builtin_courses():

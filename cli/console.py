@@ -1,4 +1,4 @@
-"""Where the command line prints: results on standard output, everything else on standard error."""
+"""Console of the command line: results on standard output, everything else on standard error."""
 
 from __future__ import annotations
 
@@ -122,7 +122,8 @@ def as_options(*names: str) -> Iterator[None]:
 
 
 class Lines:
-    """What long work says where standard error is no terminal: a plain line now and then, nothing elsewhere."""
+    """Progress of long work where standard error is no terminal: a plain line now and then, nothing
+    elsewhere."""
 
     def __init__(self, title: str) -> None:
         self._title, self._asks = title, not err.is_terminal
@@ -141,7 +142,7 @@ class Show(Protocol):
     """Told how far work is."""
 
     def __call__(self, done: int, total: int, stage: str = "", /) -> None:
-        """So much of so much; stage: what is being done, where that says more."""
+        """Show that so much of a total is done; stage: what is being done, where that says more."""
         ...
 
 
@@ -183,7 +184,7 @@ def progress(title: str) -> Iterator[Show]:
 
 
 def counted(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
-    """The same items, counted on standard error: each is work, such as a film's frames."""
+    """Yield the same items, counted on standard error: each is work, such as a film's frames."""
     with progress(title) as bar:
         bar(0, total)
         for number, item in enumerate(items, 1):

@@ -1,4 +1,5 @@
-"""How a process with an emulated device is talked to: a line where it is, then lines of faults and of its state."""
+"""Protocol of a process with an emulated device: a line where it is, then lines of faults and of
+its state."""
 
 from __future__ import annotations
 

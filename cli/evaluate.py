@@ -28,7 +28,7 @@ LONGEST_NAME = 16
 
 @dataclass
 class Evaluate:
-    """Compare selectors on a labelled data set: the shares of paper E's Table I, with 95 % intervals.
+    """Compare selectors on a labelled data set: the shares of Lin et al.'s Table I, with 95 % intervals.
 
     P1 feasible / infeasible: share of the feasible / infeasible problems that the relaxation answers right. Each
     projection: share of the feasible problems for which P1 and then P2 end in a verified posture. Rows that a selector

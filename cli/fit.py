@@ -28,13 +28,14 @@ SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", 
 class Fit:
     """Learn a selector of envelopes from a labelled data set and write it to a file.
 
-    heuristic: the expert's bounds of paper E. quantile: the box that leaves a share of the solutions out on each side.
-    gmm-printed: paper E's Algorithm 2 line by line. gmm: Algorithm 2 with its boundary fitted by P1's own margins.
-    ga: paper E's genetic algorithm. gradient: boxes that descend P1's margins together. chooser: those, and a network
-    that picks one a terrain. neural: a network from terrain to box. joint: one to box and point, for P1 joined with
-    the lift. rl: a policy learned in the environment. modes: a box a terrain, forces in world axes, between which
-    `stancekit plan --envelope` switches. additive, set: scores of candidates for `stancekit plan --policy`, from the
-    labelled tries of a class of leaps.
+    heuristic: the expert's bounds of Lin et al. quantile: the box that leaves a share of the
+    solutions out on each side. gmm-printed: Lin et al.'s Algorithm 2 line by line. gmm: Algorithm 2
+    with its boundary fitted by P1's own margins. ga: Lin et al.'s genetic algorithm. gradient:
+    boxes that descend P1's margins together. chooser: those, and a network that picks one a
+    terrain. neural: a network from terrain to box. joint: one to box and point, for P1 joined with
+    the lift. rl: a policy learned in the environment. modes: a box a terrain, forces in world axes,
+    between which `stancekit plan --envelope` switches. additive, set: scores of candidates for
+    `stancekit plan --policy`, from the labelled tries of a class of leaps.
     """
 
     dataset: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")]
@@ -148,7 +149,8 @@ class Fit:
         return 0
 
     def _executor(self) -> Executor | int:
-        """Where generations run; 1 where the method has none. Raises InvalidInput for another wish there."""
+        """Executor in which generations run; 1 where the method has none. Raises InvalidInput for
+        another wish there."""
         from stancekit.selectors import SPREAD, executor
 
         given = {"workers": self.workers != 1, "executor": self.executor != "processes", "address": self.address}

@@ -1,4 +1,4 @@
-"""What ``stancekit gait`` says, writes and draws of the walks that were found."""
+"""Output of ``stancekit gait``: text, files and pictures of the walks that it found."""
 
 from __future__ import annotations
 
@@ -146,8 +146,8 @@ def words(plan: Attempts) -> list[str]:
 
 
 def joints(one: Attempted) -> dict[str, Any] | None:
-    """What a walk asks of the robot's own legs, as the verifier measured it: group by group value, unit, and where;
-    None without legs."""
+    """Load that a walk puts on the robot's own legs, as the verifier measured it: group by group
+    value, unit, and where; None without legs."""
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
     found = {
@@ -159,7 +159,7 @@ def joints(one: Attempted) -> dict[str, Any] | None:
 
 
 def verdict(one: Attempted) -> str:
-    """What came of an attempt: the solver's failure, or the verifier's word."""
+    """Result of an attempt in words: the solver's failure, or the verifier's word."""
     if one.solution.success:
         return one.report.message
     return f"no success: largest violation {one.solution.violation:.1e} ({one.solution.status})"

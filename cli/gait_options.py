@@ -1,4 +1,5 @@
-"""What ``stancekit gait`` reads from its options: places, headings and robots; and its messages in their names."""
+"""Options of ``stancekit gait``, read: places, headings and robots; and its messages in their
+names."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ OF_LEAPS = ("scenes", "tries")
 
 @dataclass
 class LabelPostures:
-    """Sample terrains and label them exactly (paper E, Algorithm 1) into a data set folder.
+    """Sample terrains and label them exactly (Lin et al., Algorithm 1) into a data set folder.
 
     Half of the default rows are feasible, each with a verified posture; half are infeasible, each with a re-checked
     proof. What is infeasible even without its moment balance is counted apart. A run that is stopped, however hard,

@@ -1,4 +1,4 @@
-"""What ``stancekit plan`` and ``stancekit verify`` do with a file of a leap."""
+"""Plan and judge the file of a leap, for ``stancekit plan`` and ``stancekit verify``."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ name is none of ours, since to look for them takes as long as all of ``--help``.
 
 
 class Verb(Protocol):
-    """What a verb's class is: its fields are the options, its docstring the help."""
+    """Base of all commands: the fields are the options, the docstring is the help."""
 
     def run(self) -> int:
         """Do it; the exit code."""
@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def overview() -> str:
-    """What ``stancekit --help`` says: a line or two a verb."""
+    """Text of ``stancekit --help``: one or two lines per command."""
     usage = "usage: stancekit VERB [OPTIONS]; stancekit VERB --help says more"
     briefs = [f"  {name:9} {brief(name)}" for name in VERBS]
     lines = (textwrap.fill(brief, width=80, subsequent_indent=" " * 12) for brief in briefs)
@@ -188,7 +188,7 @@ def _texts(*, told: bool) -> Iterator[None]:
 
 
 def _option(argument: str) -> str:
-    """Its name, empty for what is no option."""
+    """Name of an option; empty for an argument that is none."""
     return argument.split("=")[0] if argument.startswith("--") else ""
 
 

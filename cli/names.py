@@ -32,7 +32,7 @@ OLD_GROUPS = {"stancekit.planners.search.methods:COURSE_METHODS": ("stancekit.co
 
 
 def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
-    """What an option is annotated with that takes a name of this registry, a key of ``NAMES``."""
+    """Annotation of an option that takes a name of this registry, a key of ``NAMES``."""
 
     def hint(default: str) -> str:
         from importlib.metadata import entry_points

@@ -281,7 +281,7 @@ class PlanCourse:
             write_page(self.html, PlanView(plan).film(step_s=1.5))
 
     def _said(self, outcome: Answer[Plan], report: Report[Plan]) -> Iterator[str]:
-        """What people are told of a plan, below the table."""
+        """Lines about a plan that stand below its table."""
         from stancekit.planners.answer.report import LATE
 
         plan = outcome.solution

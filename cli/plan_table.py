@@ -1,4 +1,4 @@
-"""What ``stancekit plan`` shows of an outcome: one row, one reason."""
+"""Table of an outcome of ``stancekit plan``: one row, one reason."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class Play:
         return 0
 
     def _is_walk(self) -> bool:
-        """Whether it is the name of a terrain of heights, to walk over."""
+        """Tell whether the terrain is a named one of heights, to walk over."""
         from stancekit.planners.terrain.families import drawn_name, drawn_surface, read_draw
         from stancekit.planners.terrain.reference import TERRAINS
 
@@ -96,7 +96,7 @@ class Play:
         return not Path(self.course).exists() and drawn_surface(*read_draw(self.course, "course")) is None
 
     def _walk(self, robot: str) -> WalkScenario:
-        """What a page of walks begins with. Raises InvalidInput."""
+        """Scenario that a page of walks begins with. Raises InvalidInput."""
         from stancekit.views.playground.walk_scenario import WalkScenario
 
         given: dict[str, Any] = {}
@@ -109,7 +109,7 @@ class Play:
         return WalkScenario.of(self.between.file.read(self.course), robot, **given)
 
     def _scenario(self, robot: str | None) -> Scenario:
-        """What the page begins with. Raises InvalidInput."""
+        """Scenario that the page begins with. Raises InvalidInput."""
         from stancekit.planners.problem.course_file import described
         from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.between_scenario import BetweenScenario

@@ -1,4 +1,4 @@
-"""What ``stancekit plan`` says of the whole body of a plan."""
+"""Report of ``stancekit plan`` on the whole body."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 
 
 def bent_lines(details: Mapping[str, float]) -> Iterator[str]:
-    """What planning with the whole body did to the largest torque and the deepest collision, and what a larger torque
-    is for; nothing where it had nothing to do."""
+    """Lines on how planning with the whole body changed the largest torque and the deepest
+    collision, and on what a larger torque is for; nothing where it had nothing to do."""
     steps = int(details.get("torque_steps", 0.0))
     how = f"in {steps} step{'s' * (steps != 1)}" if steps else "by other forces"
     torque, share, depth = (_change(details, name) for name in ("torque_nm", "torque_share", "depth_m"))

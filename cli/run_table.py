@@ -83,7 +83,7 @@ def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
 
 
 def unused(answers: tuple[int, int]) -> str:
-    """What is said of a run to which a policy contributed nothing; answers: see ``loop_table``."""
+    """Line about a run to which a policy contributed nothing; answers: see ``loop_table``."""
     return f"the policy made none of the {answers[1]} plans that were made" + (": the lift did" if answers[1] else "")
 
 

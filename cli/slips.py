@@ -1,4 +1,4 @@
-"""What the parser of options refuses, as one line: what was expected, what came, where."""
+"""Refusals of the parser of options, as one line: what was expected, what came, where."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ KINDS = {"int": "an integer", "float": "a number"}
 
 
 def slip(box: str) -> str:
-    """What a box with a title says up to the first line that is ruled in it, and which option it takes to be meant."""
+    """Refusal that a box with a title holds, up to the first line that is ruled in it, and the
+    option that it means."""
     rows = [row.strip().strip("│").strip() for row in box.splitlines()[1:]]
     body = list(dropwhile(_is_rule, rows))
     said = " ".join(takewhile(lambda row: not _is_rule(row), body)).rstrip(". ")

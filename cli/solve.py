@@ -63,7 +63,8 @@ class SolvePostures:
     """Limit a problem for exact, nlp and micp (30 unless another is given); what is not decided by then is undecided
     [s]."""
     engine: Literal["rows", "cvxpy"] = "rows"
-    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as paper E has them."""
+    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as
+    Lin et al. have them."""
     certificate: bool = False
     """Add the certificate to infeasible answers, for `stancekit verify`."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None

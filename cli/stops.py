@@ -1,4 +1,4 @@
-"""What stops a run from outside: keys, a file, a topic."""
+"""Stops of a run from outside: keys, a file, a topic."""
 
 from __future__ import annotations
 

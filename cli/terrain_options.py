@@ -27,7 +27,7 @@ OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
 
 @dataclass
 class TerrainFile:
-    """What the numbers of a terrain's file mean."""
+    """Options that say what the numbers of a terrain's file mean."""
 
     kind: Annotated[
         Optional[Literal["mesh", "grid", "cloud"]],  # noqa: UP045
@@ -63,7 +63,7 @@ class TerrainFile:
             return heights(name, smooth_m=self.smooth_m, **vars(self.options()))
 
     def options(self) -> ImportOptions:
-        """The same as the reader wants it. Raises InvalidInput."""
+        """Import options that the reader wants. Raises InvalidInput."""
         from stancekit.planners.terrain.import_options import ImportOptions
 
         given: dict[str, Any] = {name: getattr(self, name) for name in ("kind", "spacing_m", "unit_m", "up", "holes")}
@@ -81,7 +81,7 @@ class TerrainFile:
 
 @dataclass
 class FootholdOptions:
-    """What counts as a foothold."""
+    """Options that say what counts as a foothold."""
 
     slope_rad: float = 0.6
     """Steepest ground to stand on [rad]."""
@@ -98,7 +98,8 @@ class FootholdOptions:
     estimated from the heights [m]."""
 
     def limits(self, robot: str | None) -> FootholdLimits:
-        """The same with a robot's foot where nothing else is said. Raises InvalidInput.
+        """Limits of footholds, with a robot's own foot where the options say nothing else. Raises
+        InvalidInput.
 
         robot: its name or file.
         """

@@ -68,10 +68,10 @@ class Verify:
                 raise InvalidInput(f"--{option}: expected {wanted} file with it")
         if self.answers is None:
             return self._file() if self.problems.is_file() else self._dataset()
-        from stancekit.checks import check_answers
+        texts = [(text_of(file), str(file)) for file in (self.problems, self.answers)]
+        from stancekit.checks import check_answers  # slow to import
 
         verdicts = list[str]()
-        texts = [(text_of(file), str(file)) for file in (self.problems, self.answers)]
         for record in check_answers(*texts, tolerance=self.tolerance, why=self.explain):
             verdicts.append(record["verdict"])
             if verdicts[-1] == "invalid":
@@ -106,7 +106,10 @@ class Verify:
         return int(not found.accepted)
 
     def _dataset(self) -> int:
-        from stancekit.checks import check_rows
+        from stancekit.envs.data.pools import check_there
+
+        check_there(self.problems)
+        from stancekit.checks import check_rows  # slow to import
 
         with as_options("explain", "tolerance"):
             report = check_rows(self.problems, tolerance=self.tolerance, why=self.explain)

@@ -1,4 +1,4 @@
-"""What a long solve shows while it runs."""
+"""Progress of a long solve."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .console import Lines, err
 
 
 class Named(Protocol):
-    """What is tried."""
+    """Item that has a name, such as a method to try."""
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the item."""
         ...
 
 

@@ -55,9 +55,12 @@ sphinx_gallery_conf = {
     "filename_pattern": r"/plot_",
     "image_scrapers": ("scraper.written",),
     "first_notebook_cell": (
-        "# Once: from the package index, or from a wheel beside this notebook.\n"
-        "# %pip install 'stancekit[kin,mujoco,terrain,rl]'\n"
-        "# %pip install ./stancekit-" + release + "-py3-none-any.whl"
+        "# Installs Stancekit where it is missing: from a wheel beside this notebook, else from the package index.\n"
+        "from glob import glob\n"
+        "from importlib.util import find_spec\n\n"
+        "if find_spec('stancekit') is None:\n"
+        "    source = next(iter(glob('./stancekit-*.whl')), 'stancekit')\n"
+        "    %pip install -q '{source}[kin,mujoco,terrain,rl,datasets]'"
     ),
     "abort_on_example_error": True,
     "min_reported_time": 1e9,

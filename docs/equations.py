@@ -3,7 +3,7 @@
     python docs/equations.py            # write it
     python docs/equations.py --check    # say whether it is up to date, and whether anything is missing
 
-A docstring cites an equation of paper E as "E11", one of paper W as "W11", several as "E2–E4", and algorithms as
+A docstring cites an equation of Lin et al. as "E11", one of Pan et al. as "W11", several as "E2–E4", and algorithms as
 "Algorithm E1". Nothing else is read: a function that implements an equation says so where it is read.
 """
 

@@ -15,7 +15,7 @@ class LargestGap(MemorylessPolicy):
     """Branch where P1's answer is farthest off the bilinear surface: the textbook rule for bilinear problems."""
 
     def action(self, observation: Observation) -> NDArray[np.int64]:
-        """Of the largest gap the wider dimension, or the widest where there is no gap.
+        """Split the wider dimension of the largest gap, or the widest one where there is no gap.
 
         Both factors of the worst product have its gap as their score; the width tells which of them to cut.
         """

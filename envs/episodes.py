@@ -1,4 +1,4 @@
-"""What all environments check alike when they are made and reset, before any work is done."""
+"""Checks that all environments make alike when they are made and reset, before any work is done."""
 
 from __future__ import annotations
 

@@ -189,7 +189,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         return _Episode(leap, self._settings, self._programs, self._class.candidates)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which candidates there are, shape (P * R,), foothold by foothold."""
+        """Mask of the candidates that exist, shape (P * R,), foothold by foothold."""
         if self._episode is None:
             raise gym.error.ResetNeeded("reset the environment before asking for its masks")
         mask: NDArray[np.bool_] = self._episode.seen.mask.ravel() > 0.0
@@ -237,7 +237,7 @@ class _Episode:
 
     @property
     def seen(self) -> LeapFeatures:
-        """Its features."""
+        """Features that the agent sees at this turn."""
         return self._features[self._turn]
 
     @property
@@ -248,7 +248,7 @@ class _Episode:
 
     @property
     def over(self) -> bool:
-        """Whether there is a leap, or nothing left to try with."""
+        """Tell whether there is a leap, or no try left."""
         spent = self.tries >= self._settings.tries or self.solves >= self._settings.solves
         return self.solved or spent
 
@@ -274,7 +274,7 @@ class _Episode:
         self._note = {"masked": int(masked), "repeated": int(repeated), "refuted": int(refuted), "cost": float(cost)}
 
     def observe(self) -> Observation:
-        """What the agent sees."""
+        """Observation of the agent."""
         seen, mask = self.seen, self.seen.mask
         last = np.zeros(mask.shape)
         if self._choice is not None:

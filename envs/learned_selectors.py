@@ -1,4 +1,5 @@
-"""What environments and policies know of a selector that was learned: whom to ask, and for which problems."""
+"""Interface of environments and policies to a learned selector: whom to ask, and for which
+problems."""
 
 from __future__ import annotations
 

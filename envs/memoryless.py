@@ -12,7 +12,8 @@ Observation = Mapping[str, NDArray[Any]]
 
 
 class MemorylessPolicy(ABC):
-    """What policies of stable-baselines3 are called with, for rules and selectors that say an ``action`` alone."""
+    """Adapter to call rules and selectors, which have an ``action`` alone, as policies of
+    stable-baselines3 are called."""
 
     def predict(
         self,

@@ -1,4 +1,4 @@
-"""What a step of the selection environments is worth: a sum of terms by name, each with a weight.
+"""Reward of a step of the selection environments: a sum of terms by name, each with a weight.
 
 A term of one's own is one function of a ``Judged`` and one registration: a line in the table, an entry point of
 ``stancekit.reward_terms``, or ``weights={"mine.py:spread": 0.3}``.
@@ -22,8 +22,9 @@ from .scenes import LabelledScene
 
 @dataclass(frozen=True, kw_only=True)
 class RewardWeights:
-    """What a step is worth: reward = agreement · [P1 says what the expert says] + projection · [the chosen projection
-    reaches a verified posture] + tightness · [1 − mean width of the box / width of the domain].
+    """Weights of the reward of a step: reward = agreement · [P1 says what the expert says] +
+    projection · [the chosen projection reaches a verified posture] + tightness · [1 − mean width of
+    the box / width of the domain].
     """
 
     agreement: float = 1.0
@@ -39,7 +40,7 @@ USUAL = RewardWeights()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
-    """What terms are functions of: an action on one scene, judged.
+    """Arguments of the terms of a reward: an action on one scene, judged.
 
     Arguments:
         scene: with the expert's label.

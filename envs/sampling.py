@@ -176,7 +176,8 @@ class SampledScenes:
         return ScaledBatch.of(batch, self._like[1])
 
     def _claimed(self, batch: PostureBatch, scaled: ScaledBatch, k: int, wanted: bool) -> _Claim | None:
-        """What the search claims of the k-th problem; None where it cannot become the scene that is wanted."""
+        """Claim of the search about the k-th problem; None for a problem that cannot become the
+        wanted scene."""
         begin, numbers = time.perf_counter(), scaled.problem(k)
         sought = (Status.FEASIBLE if wanted else Status.INFEASIBLE) if self._balanced else None
         if sought is Status.INFEASIBLE and stands(self._expert.programs, numbers, scaled.near_corners[k]):

@@ -1,4 +1,5 @@
-"""What the arguments ``problem``, ``robot``, ``terrain``, ``balanced`` and ``scenes`` of an environment come to."""
+"""Scene source that the arguments ``problem``, ``robot``, ``terrain``, ``balanced`` and ``scenes``
+of an environment ask for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an environment's scenes come from: labelled posture problems, drawn at random or listed."""
+"""Sources of an environment's scenes: labelled posture problems, drawn at random or listed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class LabelledScene:
 
     @cached_property
     def observation(self) -> dict[str, NDArray[np.float32]]:
-        """What a policy sees of it (``features.observe``); not to be written to."""
+        """Observation of the scene (``features.observe``); not to be written to."""
         return observe(self.scaled)
 
     @cached_property
@@ -81,7 +81,8 @@ def all_seen(scenes: Sequence[LabelledScene]) -> dict[str, NDArray[np.float32]]:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneKind:
-    """What scenes are of that come from elsewhere, from a data set for one: their class by name, and their limbs."""
+    """Class of scenes that come from elsewhere, such as a data set: their class by name, and their
+    limbs."""
 
     name: str
     legs: tuple[str, ...]

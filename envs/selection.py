@@ -27,7 +27,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     ## Description
 
-    One posture problem an episode (paper E §III): can the robot hold still with N limbs on N patches? P1 relaxes the
+    One posture problem an episode (Lin et al. §III): can the robot hold still with N limbs on N patches? P1 relaxes the
     products m = p·f over a box of [p, f]; the agent chooses the box, the planner stack judges. All quantities are
     non-dimensional: lengths over the length scale, forces over the force scale.
 

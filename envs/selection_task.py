@@ -1,4 +1,5 @@
-"""What the single selection environment and the batched one share: spaces, scenes, and the judging of one action."""
+"""Base of the single selection environment and of the batched one: spaces, scenes, and the judging
+of one action."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ ADMITTED = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verdict:
-    """What one action on one scene came to. posture: what P2 found, None where nothing; envelope: the box of P1."""
+    """Verdict on one action on one scene. posture: what P2 found, None where nothing; envelope: the
+    box of P1."""
 
     reward: float
     info: dict[str, Any]
@@ -115,7 +117,8 @@ class SelectionSettings(SceneSettings):
 
 
 class SelectionTask:
-    """What the single environment and the batched one share: spaces, scenes, and the judging of one action.
+    """Base of the single environment and of the batched one: spaces, scenes, and the judging of one
+    action.
 
     The problem is that of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
     """
@@ -236,7 +239,7 @@ class SelectionTask:
         return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None
 
     def _verdict(self, trial: _Trial) -> Verdict:
-        """What the agent is told of a trial whose postures are the verifier's."""
+        """Verdict on a trial whose postures are the verifier's."""
         scene, answer, envelope = trial.scene, trial.answer, trial.envelope
         right = answer.known and answer.feasible == scene.feasible
         reached = self._projections[0] in trial.postures

@@ -46,7 +46,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     ## Description
 
-    A course of M key frames (paper E §IV-B) an episode. One step: see the coming candidate patches, choose a planner
+    A course of M key frames (Lin et al. §IV-B) an episode. One step: see the coming candidate patches, choose a planner
     for the next ``horizon`` key frames, be moved there if it finds a plan that the verifier accepts together with what
     was walked before. Where it finds none the robot stays, and the agent may choose again.
 
@@ -267,7 +267,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Try:
-    """What came of planning a window; nothing was tried where all is at its default."""
+    """Outcome of planning a window; all fields have their defaults where nothing was tried."""
 
     outcome: Answer[Plan] | None = None
     plan: Plan | None = None
@@ -287,7 +287,7 @@ class _Try:
 
     @property
     def progress_m(self) -> float:
-        """How far the COM went forward along its nominal path [m]."""
+        """Distance that the COM went forward along its nominal path [m]."""
         if self.plan is None:
             return 0.0
         course, steps = self.plan.problem, np.diff(self.plan.com_m, axis=0)

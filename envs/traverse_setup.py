@@ -1,4 +1,5 @@
-"""What a traverse is set up with: courses, the size of the views, planners to choose among, weights of the reward."""
+"""Setup of a traverse: courses, the size of the views, planners to choose among, weights of the
+reward."""
 
 from __future__ import annotations
 
@@ -53,11 +54,11 @@ on a higher floor."""
 
 
 class Executed(Protocol):
-    """What an executor says: whether the robot did what was planned."""
+    """Answer of an executor: whether the robot did what was planned."""
 
     @property
     def succeeded(self) -> bool:
-        """Whether it arrived, upright and without slipping."""
+        """Tell whether the robot arrived, upright and without slipping."""
 
 
 Executor = Callable[[Plan], Executed]
@@ -65,9 +66,10 @@ Executor = Callable[[Plan], Executed]
 
 @dataclass(frozen=True, kw_only=True)
 class TraverseWeights:
-    """What a step is worth: reward = progress · (share of the path's length that the COM went forward along it)
-    + feasible · [a verified plan] − failure · [none, or one whose execution failed] − solve · (convex problems solved)
-    − second · (seconds of planning, compiling left out; with ``timing`` only).
+    """Weights of the reward of a step: reward = progress · (share of the path's length that the COM
+    went forward along it) + feasible · [a verified plan] − failure · [none, or one whose execution
+    failed] − solve · (convex problems solved) − second · (seconds of planning, compiling left out;
+    with ``timing`` only).
     """
 
     progress: float = 1.0
@@ -150,7 +152,8 @@ LEAST: Mapping[str, int] = MappingProxyType(
 
 
 def course_source(courses: Courses, settings: TraverseSettings) -> tuple[CourseSource, CourseFeatures]:
-    """What draws courses, and the size of their views: horizon, limbs, regions and corners, the courses' where None.
+    """Source that draws courses, and the size of their views: horizon, limbs, regions and corners,
+    the courses' where None.
 
     robot, terrain of the settings: files in place of the courses' own. Raises InvalidInput.
     """
@@ -185,7 +188,7 @@ class Perturbed:
 
 @dataclass(frozen=True, eq=False)
 class WithFooting:
-    """The same source, asked again where a scene of a family has nothing for some toe."""
+    """Source that draws again where a scene of a family has nothing for some toe."""
 
     draw: CourseSource
 

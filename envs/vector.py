@@ -140,7 +140,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         return tuple(picture for part in pictures for picture in part)
 
     def _of_all(self, info: Mapping[str, Any]) -> dict[str, Any]:
-        """What Gymnasium's ``_add_info`` makes of what all sub-environments have: each beside the mask of who has."""
+        """Join the infos of all sub-environments, as Gymnasium's ``_add_info`` does: each beside
+        the mask of who has."""
         masked = dict[str, Any]()
         for name, values in info.items():
             masked |= {name: values, f"_{name}": np.ones(self.num_envs, dtype=np.bool_)}

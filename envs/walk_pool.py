@@ -41,7 +41,8 @@ Action = tuple[int, int, int]
 
 
 class Outcome(NamedTuple):
-    """What an attempt came to, all numbers finite: the verifier's word and figures, and the solver's."""
+    """Outcome of an attempt, all numbers finite: the verifier's word and figures, and the solver's.
+    """
 
     verified: float = 0.0
     feasible: float = 0.0
@@ -74,7 +75,7 @@ class Outcome(NamedTuple):
 
 
 class WalkPool:
-    """So many walks, and the outcomes of attempts at them.
+    """Pool of walks, and the outcomes of attempts at them.
 
     Arguments:
         tasks: draws a walk from a generator.
@@ -99,7 +100,7 @@ class WalkPool:
 
     @property
     def solved(self) -> int:
-        """How many attempts have an outcome."""
+        """Number of attempts that have an outcome."""
         return int(np.isfinite(self._table[..., 0]).sum())
 
     def walk(self, index: int) -> Walk:
@@ -109,7 +110,7 @@ class WalkPool:
         return self._walks[index]
 
     def outcome(self, index: int, action: Action) -> Outcome:
-        """What an attempt at a walk came to; it is solved where nobody asked before."""
+        """Outcome of an attempt at a walk; it is solved where nobody asked before."""
         row = self._table[(index, *action)]
         if np.isnan(row[0]):
             row[:] = self._solved(index, action)
@@ -158,7 +159,7 @@ class WalkPool:
         return Outcome.of(attempted(self._bench, attempt), self.settings.max_iterations * len(attempt.heights))
 
     def _header(self) -> dict[str, Any]:
-        """What the outcomes are of, JSON-ready."""
+        """Origin of the outcomes, JSON-ready."""
         tasks = self.tasks
         if isinstance(tasks, SampledTasks):
             drawn = {name: getattr(tasks, name) for name in ("terrain", "difficulty", "distance_m", "duration_s")} | {
@@ -178,7 +179,7 @@ class WalkPool:
 
 
 def attempted(bench: Workbench, attempt: Attempt) -> Attempted | None:
-    """What comes of an attempt; None where the terrain has no map."""
+    """Result of an attempt; None where the terrain has no map."""
     try:
         return bench.run(attempt)
     except PlanningFailed:

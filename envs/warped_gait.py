@@ -38,8 +38,9 @@ OPTIMISER = GaitSettings(max_iterations=50)
 
 @dataclass(frozen=True, kw_only=True)
 class GaitRewardWeights:
-    """What a step is worth: verified · [the verifier accepts] + feasible · [the solve succeeds]
-    − iterations · [share of the limit that was taken] − seconds · [CPU seconds], the last only with ``timing``.
+    """Weights of the reward of a step: verified · [the verifier accepts] + feasible · [the solve
+    succeeds] − iterations · [share of the limit that was taken] − seconds · [CPU seconds], the last
+    only with ``timing``.
     """
 
     verified: float = 1.0
@@ -128,7 +129,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     ## Description
 
-    One walk an episode (paper W): a height field with a start and a goal. The agent chooses the coordinates to
+    One walk an episode (Pan et al.): a height field with a start and a goal. The agent chooses the coordinates to
     optimise in, a homotopy and an initial guess; the optimiser solves, and the verifier looks between the knots.
 
     ## Observation Space
@@ -288,7 +289,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         return chart, heights, noise
 
     def _info(self, found: Outcome) -> dict[str, Any]:
-        """What an attempt came to: of ``NOTHING`` every key."""
+        """Info of an attempt; every key is there for ``NOTHING``, too."""
         weights, seconds = self._weights, found.seconds if self._timing else 0.0
         verified, feasible = bool(found.verified), bool(found.feasible)
         return {

@@ -1,1 +1,2 @@
-"""What a plan is, how to compute one and how to check one; knows no gymnasium and no torch."""
+"""Planners: what a plan is, how to compute one and how to check one, without gymnasium and torch.
+"""

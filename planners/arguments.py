@@ -28,7 +28,8 @@ WORDS = {
 
 
 def checked(verb: Callable[P, R]) -> Callable[P, R]:
-    """The same function, which raises InvalidInput for an argument of a type or a name that its annotation lacks.
+    """Wrap the function: it raises InvalidInput for an argument of a type or a name that its
+    annotation lacks.
 
     A protocol is fulfilled by an instance with its methods.
     """

@@ -1,4 +1,5 @@
-"""What extends the house: things by name, from the package, from other packages, and from a file on the command line.
+"""Plugins: things by name, from the package, from other packages, and from a file on the command
+line.
 
 A kind of thing (worlds, selectors, charts, …) has one ``Registry``. A thing comes in by one registration:
 
@@ -124,7 +125,7 @@ class Registry(Generic[T]):
         raise self.unknown(name, called, known)
 
     def unknown(self, name: Any, called: str = "", known: Sequence[str] = ()) -> InvalidInput:
-        """What to raise for a name that nobody has; called, known: as for ``get``."""
+        """Error to raise for a name that nobody has; called, known: as for ``get``."""
         names = ", ".join([*(known or self.names()), *self._further])
         return InvalidInput(f"{called or self.kind}: expected one of {names}, or FILE.py:NAME, got {shown(name)}")
 
@@ -143,7 +144,8 @@ def split_name(name: str) -> tuple[str, list[str]]:
 
 
 def takes(thing: Any, count: int) -> bool:
-    """Whether a thing can be called with so many arguments; yes where it does not say."""
+    """Tell whether a thing can be called with so many arguments; True where the thing does not say.
+    """
     try:
         inspect.signature(thing).bind(*[None] * count)
     except TypeError:  # not to be called at all, or otherwise
@@ -154,7 +156,7 @@ def takes(thing: Any, count: int) -> bool:
 
 
 def made_or_class(thing: Any, method: str) -> bool:
-    """Whether a thing has a method, and, if it is a class, is made without arguments."""
+    """Tell whether a thing has a method, and, if it is a class, is made without arguments."""
     return callable(getattr(thing, method, None)) and (not isinstance(thing, type) or takes(thing, 0))
 
 
@@ -165,7 +167,7 @@ def _imported(module: str, where: str) -> ModuleType:
 
 
 def of_file(thing: Any) -> bool:
-    """Whether a thing was defined in a FILE.py, or its class was."""
+    """Tell whether a thing was defined in a FILE.py, or its class was."""
     kind = thing if isinstance(thing, type | FunctionType) else type(thing)
     return kind.__module__.startswith(FILE)
 
@@ -189,7 +191,7 @@ class _Pickler(pickle.Pickler):
 
 
 def named_in_file(path: str, name: str) -> Any:
-    """What a FILE.py calls so. Raises InvalidInput."""
+    """Object of this name in a FILE.py. Raises InvalidInput."""
     return _attribute(_ran(Path(path)), name, path)
 
 
@@ -218,7 +220,7 @@ def _ran_alone(path: Path) -> ModuleType:
 
 
 def _attribute(module: ModuleType, attribute: str, where: str) -> Any:
-    """What a module calls so; dots lead into classes."""
+    """Attribute of a module; dots lead into classes."""
     found: Any = module
     for part in attribute.split("."):
         try:

@@ -1,4 +1,5 @@
-"""What may be run: plans and gaits that the verifier accepted, for the robot that the world has.
+"""Motions that may be run: plans and gaits that the verifier accepted, for the robot that the world
+has.
 
 They are judged once, when they come in: ``Accepted.from_file`` and ``Accepted.verified``, and those of gaits, are the
 border. Behind it frozen values pass by reference (SECURITY.md says what that trusts).
@@ -105,7 +106,7 @@ class AcceptedGait:
 
     @property
     def name(self) -> str:
-        """Of its terrain."""
+        """Name of its terrain."""
         return self.trajectory.terrain.name or "gait"
 
     def ground(self, friction_share: float = 1.0) -> Ground:

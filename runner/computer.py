@@ -21,7 +21,7 @@ TOOLS = ("dev", "docs")
 def about(
     *, measure: bool, progress: Callable[[int, int, str], None] = lambda done, total, stage: None
 ) -> dict[str, Any]:
-    """What a report of a bug needs to know.
+    """Describe the installation and the machine, as a report of a bug needs them.
 
     Arguments:
         measure: whether to measure the speed, which takes some seconds.

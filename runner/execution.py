@@ -37,7 +37,7 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Execution:
-    """How a motion was followed; P footholds, J joints.
+    """Record of how a motion was followed; P footholds, J joints.
 
     succeeded: by ``Tolerance``; message: why not. fallen_s: when it fell, None if it did not. com_final_m: distance of
     the final centre of mass from the plan's; com_worst_m, tilt_worst_rad: largest on the path. body_rms_m,
@@ -137,7 +137,7 @@ class Execution:
 def _wrong(
     stances: Sequence[str], tolerance: Tolerance, trace: Trace, fallen_s: float | None, final: float, slip: Array
 ) -> list[str]:
-    """What is against the tolerance, in words."""
+    """Faults against the tolerance, in words."""
     worst, wrong = int(np.argmax(slip)), list[str]()
     if fallen_s is not None:
         wrong.append(f"fell after {fallen_s:.2f} s, at frame {trace.frame[-1]:.1f}")

@@ -54,7 +54,7 @@ KINDS: dict[str, Any] = {
 
 
 class Log(Protocol):
-    """Where a run writes down what happens."""
+    """Log in which a run writes down what happens."""
 
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
         """Write one message."""
@@ -231,7 +231,7 @@ def state_json(state: State) -> dict[str, Any]:
 
 
 def state_from_json(content: Mapping[str, Any], where: str) -> State:
-    """What ``state_json`` wrote. Raises InvalidInput."""
+    """Read a state that ``state_json`` wrote. Raises InvalidInput."""
     try:
         numbers = {item.name: np.array(content[item.name], dtype=float) for item in fields(State)}
         return State(**{n: float(v) if n in ("time_s", "bump_n") else v for n, v in numbers.items()})  # type: ignore[arg-type]

@@ -1,4 +1,5 @@
-"""What a motion needs of its joints: for a moment, on average, and of what their actuators can do and bear.
+"""Needs of a motion of its joints: for a moment, on average, and of what their actuators can do and
+bear.
 
 Heat is that of the current through a winding, which grows with the torque's square: load' = ((τ / τ_c)² − load) / T
 with the continuous torque τ_c and the time constant T. A joint that gives τ_c for ever comes to a load of 1, and bears
@@ -20,7 +21,7 @@ from stancekit.planners.robot.actuators import ActuatorModel
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointNeeds:
-    """Of J joints, shape (J,) each.
+    """Needs of J joints, shape (J,) each.
 
     peak_nm, rms_nm: largest torque, and root mean square over the motion. stall_nm, continuous_nm: what their actuators
     have; continuous_nm and heat, the largest load on the way, are NaN where nobody says what they bear.
@@ -35,7 +36,7 @@ class JointNeeds:
 
     @classmethod
     def of(cls, joints: Sequence[str], actuators: Sequence[ActuatorModel], torques_nm: Array, period_s: float) -> Self:
-        """Of torques, shape (T, J), so long apart."""
+        """Needs of joints with these torques, shape (T, J), this long apart."""
         stall = np.array([each.stall_nm for each in actuators])
         continuous = np.array([np.nan if each.continuous_nm is None else each.continuous_nm for each in actuators])
         constants = np.array([np.nan if each.thermal_s is None else each.thermal_s for each in actuators])
@@ -47,16 +48,17 @@ class JointNeeds:
 
     @property
     def share_of_stall(self) -> Array:
-        """Of the peak."""
+        """Peak torque as a share of the stall torque."""
         return self.peak_nm / self.stall_nm
 
     @property
     def share_of_continuous(self) -> Array:
-        """Of the mean, by its square; NaN where it is not known."""
+        """Mean torque, by its square, as a share of the continuous one; NaN where it is not known.
+        """
         return self.rms_nm / self.continuous_nm
 
     def said(self, joint: int) -> str:
-        """What one joint needs."""
+        """Needs of one joint, in words."""
         heat = f", {self.heat[joint]:.2g} times the heat that it bears" if self.heat[joint] > 1.0 else ""
         return f"{self.peak_nm[joint]:.3g} Nm at most and {self.rms_nm[joint]:.3g} Nm (RMS){heat}"
 

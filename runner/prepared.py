@@ -65,7 +65,8 @@ class Tracked(Generic[M_co]):
 
     @staticmethod
     def lean(target: Target) -> Array:
-        """How much of a target are loads, those of feedback, too, shape (J,) [rad]: joints are to be at the rest."""
+        """Part of a target that is load, that of feedback, too, shape (J,) [rad]: joints are to be
+        at the rest."""
         return np.asarray(target.targets_rad - target.angles_rad)
 
 
@@ -89,7 +90,7 @@ class Prepared(Tracked[P_co]):
     bound_by: str = ""
 
     def entry(self, world: SafeWorld) -> dict[str, Any]:
-        """What a log says of it before it is run."""
+        """Entry of a log before the run."""
         limbs = {leg.name: list(leg.joint_names) for leg in self.kinematics.model.legs}
         return {
             "digest": self.digest, "course": self.name, "source": self.source,
@@ -100,7 +101,7 @@ class Prepared(Tracked[P_co]):
         }  # fmt: skip
 
     def execution(self, world: SafeWorld, record: Record, settings: RunSettings, wall_s: float) -> Execution:
-        """What was measured against what was planned."""
+        """Compare the measurements with the plan."""
         return Execution.of(
             record, self.kinematics, world, goal_m=self.motion.goal_m, stances=self.motion.stances,
             tolerance=settings.tolerance, wall_s=wall_s,
@@ -109,8 +110,8 @@ class Prepared(Tracked[P_co]):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resumption:
-    """How a robot that stands already takes up another plan: from the posture of its kinematics, from what its feet
-    carry, shape (N, 3) [N], and no faster than at this pace."""
+    """Handover of a robot that stands already to another plan: from the posture of its kinematics,
+    from what its feet carry, shape (N, 3) [N], and no faster than at this pace."""
 
     kinematics: Kinematics
     carried_n: Array
@@ -189,12 +190,12 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
 
 
 def sees_feet(world: SafeWorld, settings: RunSettings) -> bool:
-    """Whether what feet feel comes back, and is used."""
+    """Tell whether what feet feel comes back, and is used."""
     return world.capabilities.has_contact_forces and not world.dry and not settings.blind
 
 
 def body_from(world: SafeWorld, settings: RunSettings) -> BodyFrom:
-    """Who says where the body is; joints are followed alone where nobody does."""
+    """Source of the body's pose; without one, only the joints are followed."""
     if world.dry:
         return "nothing"
     if settings.odometry:

@@ -1,4 +1,5 @@
-"""What a run records: for every control period what was sent, and why, and what the world measured after it.
+"""Record of a run: for every control period what was sent, and why, and what the world measured
+after it.
 
 There is one record. Reports, figures of tracking, estimates of friction and pictures are computed from it.
 """
@@ -86,7 +87,8 @@ class Trace:
         )
 
     def slips(self, footholds: int) -> Array:
-        """How far every foothold's foot slid from where it touched, while it should stand, shape (P,) [m].
+        """Slips of every foothold's foot from where it touched, while it should stand, shape (P,)
+        [m].
 
         That is its centre's path less what it should have rolled; of one that never touches, from where it should have.
         """
@@ -98,7 +100,7 @@ class Trace:
         return found
 
     def late(self, footholds: int) -> Array:
-        """How long after it should stand each foothold's foot touched, shape (P,) [s]."""
+        """Delays with which each foothold's foot touched after it should stand, shape (P,) [s]."""
         since = [self.time_s[rows[first]] - self.time_s[rows[0]] if len(rows) else 0.0
                  for rows, _, first in self._stood(footholds)]  # fmt: skip
         return np.array(since)

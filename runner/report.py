@@ -1,4 +1,4 @@
-"""What came of a run: planned against measured, what was sent, and how it ended."""
+"""Report on a run: planned against measured, what was sent, and how it ended."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .worlds.replay import ReplayWorld
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunReport:
-    """How a run went.
+    """Report on a run.
 
     Arguments:
         world: where it ran; digest: of the verdict on what was run; dry: nothing was sent.
@@ -166,13 +166,14 @@ NESTED = ("ended", "execution", "cycle_s", "needs", "loads", "friction")
 
 
 def _by_odometry(record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings) -> float:
-    """How far the body was from the plan at most, where nobody but the joints told the tracker [m]."""
+    """Largest distance of the body from the plan, where nobody but the joints told the tracker [m].
+    """
     seen = world.dry or body_from(world, settings) == "the world"
     return float("nan") if seen or not record.pairs else odometry_error_m(record, prepared.kinematics)
 
 
 def _needs(record: Record, world: SafeWorld) -> tuple[JointNeeds | None, JointNeeds | None]:
-    """What the joints were to give, with what moves them, and what they gave."""
+    """Torques that the joints were to give, with what moves them, and torques that they gave."""
     if not record.pairs:
         return None, None
     planned, felt = ([target.torques_nm for target, _ in record.pairs], [s.torques_nm for _, s in record.pairs])

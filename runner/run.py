@@ -224,7 +224,7 @@ class Runner:
         return state
 
     def goal(self, record: Record) -> str:
-        """What is wrong with where the joints are at the end; empty where nothing is."""
+        """Fault of the joints' final places; empty where nothing is."""
         target, state = record.pairs[-1]
         away = np.abs(state.angles_rad - target.angles_rad)
         worst = int(np.argmax(away))

@@ -1,4 +1,4 @@
-"""How a motion is run."""
+"""Settings of a run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .safety.latch import Source
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
-    """How a plan, or a gait, is run.
+    """Settings of running a plan, or a gait.
 
     Arguments:
         timing: of a plan's phases.

@@ -222,6 +222,8 @@ def test_pages_that_follow_from_the_code_are_in_the_repository_as_make_docs_writ
     pages = {f"environments/{environments.short(name)}.md": environments.page(name) for name in environments.names()}
     for name, page in {**pages, "reference/keys.md": keys.page()}.items():
         assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page, f"docs/{name}: make docs writes it anew"
+        anchors = re.findall(r"^\((.*)\)=$", page, re.M)
+        assert len(anchors) == len(set(anchors)), f"docs/{name}: two places of one name, which Sphinx refuses"
     verbs = re.findall(r"^## (.*)$", (ROOT / "docs" / "reference" / "command.md").read_text(encoding="utf-8"), re.M)
     assert verbs == re.findall(r"^## (.*)$", extension("verbs").page(), re.M)
 

@@ -1,4 +1,4 @@
-"""Where a viewer stands and what he sees: one perspective for pictures, pages and films."""
+"""Place and view of a camera: one perspective for pictures, pages and films."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Camera:
 
     @property
     def position_m(self) -> Array:
-        """Where the viewer stands, shape (3,)."""
+        """Place of the viewer, shape (3,)."""
         return np.asarray(self.target_m + self.distance_m * self.axes[2])
 
     @cached_property
@@ -45,7 +45,7 @@ class Camera:
         return local[..., :2] * (self.distance_m / away)[..., None], local[..., 2]
 
     def near(self, point: Array) -> float:
-        """How near one point is [m]."""
+        """Distance of one point from the camera's plane [m]."""
         return float(self.project(point)[1])
 
     def facing(self, points: Array, normals: Array) -> Array:

@@ -40,7 +40,8 @@ class ExecutionView(PlanView):
     execution: Execution
 
     def instant(self, row: int) -> Samples:
-        """What the world had after a control period, with the footholds of the nearest key frame."""
+        """Sample of the world after a control period, with the footholds of the nearest key frame.
+        """
         trace = self.execution.trace
         key = self.keys.key(min(round(float(trace.frame[row])), self.plan.problem.frames - 1))
         return replace(
@@ -64,7 +65,7 @@ class ExecutionView(PlanView):
         return Scene(paths=[Path(pieces_m=polyline(went), colour=REAL, width=1.4, layer=Layer.TOP, lift_m=65.0)])
 
     def note(self, row: int) -> str:
-        """How far it is from the plan."""
+        """Note on the distance from the plan."""
         trace = self.execution.trace
         away = 1e3 * float(np.linalg.norm(trace.com_m[row] - trace.planned_com_m[row]))
         most = np.abs(trace.torques_nm[: row + 1]).max()

@@ -48,7 +48,7 @@ def foothold_scene(found: Footholds) -> Scene:
 
 
 def foothold_motion(found: Footholds) -> Animation:
-    """The same as a page that can be turned."""
+    """Animation of the footholds, for a page that can be turned."""
     scene = foothold_scene(found)
     outlines = [ring(piece.patch.vertices_m + 2.0 * OFF_M * piece.patch.normal) for piece in found.pieces]
     moment = Scene(paths=[Path(pieces_m=np.concatenate(outlines), colour=GOOD_EDGE, width=1.2)])
@@ -60,7 +60,7 @@ def foothold_motion(found: Footholds) -> Animation:
 
 
 def _sure(found: Footholds) -> str:
-    """How sure heights are, empty where they are exact."""
+    """Words for the certainty of heights, empty where they are exact."""
     deviations = [piece.height_sd_m for piece in found.pieces if piece.height_sd_m is not None]
     return f", sd of height {1e3 * float(np.median(deviations)):.2g} mm" if deviations else ""
 

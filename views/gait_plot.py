@@ -1,4 +1,5 @@
-"""Plots of gait solves: violation per iteration, and violation and time by walking direction (paper W Figs. 8, 9)."""
+"""Plots of gait solves: violation per iteration, and violation and time by walking direction (Pan
+et al. Figs. 8, 9)."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from stancekit.planners.files.arrays import Array, read_only
 from .sheet import ACCENT, DEFAULT_STYLE, INK, PLOT_PX, QUIET, RULE, Size, headline, quiet_axes, sheet
 
 TOLERANCE = 1e-4
-"""Paper W §V: a solve succeeds when its largest violation falls below this."""
+"""Pan et al. §V: a solve succeeds when its largest violation falls below this."""
 LEAST = 1e-9
 """Violations below this are drawn as this."""
 TICKS = (1, 3, 10, 30, 100, 300, 1000)
@@ -43,7 +44,7 @@ TALL_PX = (1200, 980)
 class GaitRun:
     """One solve. violations: the largest one at every iterate, the first that of the guess, shape (iterations + 1,).
 
-    direction_rad: the walk's, from the world's y towards x as in paper W §V; seconds: CPU time.
+    direction_rad: the walk's, from the world's y towards x as in Pan et al. §V; seconds: CPU time.
     """
 
     method: str
@@ -58,13 +59,14 @@ class GaitRun:
 
     @property
     def iterations(self) -> int:
-        """How many were taken: up to the first violation below the tolerance, or all."""
+        """Number of iterations that were taken: up to the first violation below the tolerance, or
+        all."""
         below = np.flatnonzero(self.violations < TOLERANCE)
         return int(below[0]) if below.size else len(self.violations) - 1
 
     @property
     def success(self) -> bool:
-        """Whether the violation fell below the tolerance."""
+        """Tell whether the violation fell below the tolerance."""
         return bool(np.any(self.violations < TOLERANCE))
 
 
@@ -141,7 +143,7 @@ def _iterations(axes: Axes, most: int) -> None:
 
 @DEFAULT_STYLE
 def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size | None = None) -> Figure:
-    """Violation by walking direction (paper W Fig. 8), a panel a method: iterations run outward in its colours.
+    """Violation by walking direction (Pan et al. Fig. 8), a panel a method: iterations run outward in its colours.
 
     A solve that fails has a red mark at the rim. size_px: ``PLOT_PX`` where there is none, taller for more than three
     methods. Raises InvalidInput without runs.
@@ -180,7 +182,7 @@ def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size
 def draw_times(
     runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = PLOT_PX
 ) -> Figure:
-    """CPU time by walking direction (paper W Fig. 9), a line a method; solves that fail are crosses.
+    """CPU time by walking direction (Pan et al. Fig. 9), a line a method; solves that fail are crosses.
 
     Several runs of a method in one direction are shown by their median. Rings are closer together for longer times.
     methods: in the order of their colours, the order of the runs where there are none. Raises InvalidInput without
@@ -234,12 +236,12 @@ def _label(method: str, runs: Sequence[GaitRun]) -> str:
 
 
 def _radius(iterations: Any) -> Any:
-    """Where an iteration is drawn: logarithmic, with room for the first."""
+    """Radius at which an iteration is drawn: logarithmic, with room for the first."""
     return np.log1p(np.asarray(iterations, dtype=np.float64) / 2.0)
 
 
 def _radius_of_time(seconds: Any) -> Any:
-    """Where a time is drawn: logarithmic beyond half a second."""
+    """Radius at which a time is drawn: logarithmic beyond half a second."""
     return np.log1p(np.asarray(seconds, dtype=np.float64) / 0.5)
 
 

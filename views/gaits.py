@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,10 +29,11 @@ from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .robots import RobotShape, bent, faded, single_body
 from .scene import UP, Animation, Arrow, Colour, DrawnBody, Label, Path, Scene, Sheet
-from .shapes import disc, polyline, unit
+from .shapes import dashes, disc, lines_told, polyline, unit
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
+    GUIDE,
     INK,
     SIZE_PX,
     Size,
@@ -73,7 +76,7 @@ class GaitView:
 
     @cached_property
     def shape(self) -> RobotShape:
-        """What the robot looks like; its size is the height at which it stands."""
+        """Shape of the robot; its size is the height at which it stands."""
         return single_body(self.trajectory.robot)
 
     @property
@@ -135,13 +138,27 @@ class GaitView:
         """Terrain, the lines on it, and the torso's path."""
         cell = float(np.max(self.bounds_m[1] - self.bounds_m[0])) / CELLS
         torso = self.trajectory.torso_m[:: max(1, self.trajectory.samples // 150)]
+        lines = self.ways_m
+        ways = [
+            Path(pieces_m=dashes(line), colour=GUIDE, opacity=shown, width=1.2, lift_m=0.02)
+            for line, shown in zip(lines, [*[0.35] * (len(lines) - 1), 0.9], strict=False)
+        ]
         return Scene(
             sheets=self.ground,
             paths=[
                 Path(pieces_m=self.lines(), colour=GRID, opacity=0.35, width=0.6, lift_m=0.8 * cell),
+                *ways,
                 Path(pieces_m=polyline(torso), colour=INK, width=2.0, lift_m=0.02),
             ],
         )
+
+    @property
+    def ways_m(self) -> list[Array]:
+        """Guide paths of a walk in pieces, shape (L, 3) each [m]: those that were left for another, and the last."""
+        told = self.trajectory.provenance.get("guide_m", "")
+        with suppress(ValueError, RecursionError):
+            return lines_told(json.loads(told)) if isinstance(told, str) else []
+        return []
 
     @cached_property
     def footholds(self) -> list[tuple[int, DrawnBody]]:
@@ -159,7 +176,7 @@ class GaitView:
 
     @cached_property
     def motion(self) -> Motion:
-        """What ``run`` streams, at rest before and after the walk."""
+        """Motion that ``run`` streams, at rest before and after the walk."""
         return self.moves_as or streamed(self.trajectory)
 
     def limbs(self, sample: int) -> list[Array]:
@@ -266,13 +283,15 @@ class GaitView:
 
     @property
     def title(self) -> str:
-        """Who walks where."""
+        """Title: the robot and the terrain."""
         return f"{self.trajectory.robot.name} over {self.trajectory.terrain.name or 'a terrain'}"
 
     @property
     def legend(self) -> list[tuple[Colour, str]]:
-        """What colours mean, for a page."""
-        return [(ACCENT, "contact forces"), *((leg_colour(k), limb) for k, limb in enumerate(self.shape.limbs))]
+        """Legend of the colours, for a page."""
+        guide = [(GUIDE, "guide path, dashed; ways that were tried, faint")] if self.ways_m else []
+        legs = [(leg_colour(k), limb) for k, limb in enumerate(self.shape.limbs)]
+        return [(ACCENT, "contact forces"), *guide, *legs]
 
 
 @DEFAULT_STYLE
@@ -286,9 +305,10 @@ def draw_motion(
 ) -> Figure:
     """Draw a trajectory over its terrain: the robot at a few moments with its contact forces, and every foothold.
 
-    warp: the map of a warped space, whose lines of constant x̄ and ȳ are drawn on the terrain (paper W Fig. 3); without
-    one they are those of x and y. report: what the verifier says, put below the title. size_px: width and height.
-    Raises InvalidInput for a trajectory of no samples or with values that are not finite.
+    warp: the map of a warped space, whose lines of constant x̄ and ȳ are drawn on the terrain (Pan
+    et al. Fig. 3); without one they are those of x and y. report: what the verifier says, put below
+    the title. size_px: width and height. Raises InvalidInput for a trajectory of no samples or with
+    values that are not finite.
     """
     view, figure = GaitView(trajectory, warp), sheet(size_px)
     scale = Still(view.scene(), view.camera).paint(plain_axes(figure, 18.0, 66.0, 88.0))
@@ -299,6 +319,7 @@ def draw_motion(
           for k, limb in enumerate(view.shape.limbs)),
         *([Entry(text="* adhesive")] if sticky.any() else []),
         Entry(text=f"{'grid' if warp is None else 'lines of the map'}, {GRID_M:g} m", sign="line", colour=GRID),
+        *([Entry(text="guide path", sign="line", colour=GUIDE)] if view.ways_m else []),
     ]  # fmt: skip
     draw_legend(figure, 12.0, entries)
     made = trajectory.provenance.get("chart", "")

@@ -81,7 +81,7 @@ class LeapView:
 
     @cached_property
     def shape(self) -> RobotShape:
-        """What the robot looks like."""
+        """Shape of the robot."""
         return climber(self.plan.problem.robot)
 
     @cached_property
@@ -151,7 +151,8 @@ class LeapView:
         )
 
     def limbs(self, now: Samples) -> Sequence[Array]:
-        """What moves each limb: angles of a robot's own legs, or where the joints of a limb might be."""
+        """Poses of the limbs: angles of a robot's own legs, or where the joints of a limb might be.
+        """
         robot, turn = self.plan.problem.robot, rotation_of(now.rotation_rad)
         if self.shape.links is not None:
             found = self._legs.solve(
@@ -241,7 +242,7 @@ class LeapView:
 
     @property
     def legend(self) -> list[tuple[Colour, str]]:
-        """What colours mean, for a page."""
+        """Legend of the colours, for a page."""
         return [
             (INK, "path of the centre of mass"),
             (ACCENT, "contact forces in friction cones"),

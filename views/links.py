@@ -38,7 +38,8 @@ class Links:
 
     @cached_property
     def meshes(self) -> dict[tuple[int | None, int], Mesh]:
-        """What is carried by a leg's joint, (leg, joint), in its frame; by none, (None, -1), in the base's."""
+        """Meshes that a leg's joint carries, (leg, joint), in its frame; by none, (None, -1), in
+        the base's."""
         pieces = dict[tuple[int | None, int], list[tuple[Array, Faces]]]()
         for shape in self._shapes():
             found = _mesh(shape)
@@ -57,8 +58,8 @@ class Links:
 
     @cached_property
     def outline_m(self) -> Array:
-        """What no leg carries, from above, or where nothing is seen of it the hips: corners about the centre of mass,
-        shape (K, 3) [m]."""
+        """Outline of the trunk from above, or where nothing is seen of it the hips: corners about
+        the centre of mass, shape (K, 3) [m]."""
         trunk = self.meshes.get((None, -1))
         points = np.array([leg.hip_m for leg in self.model.legs]) if trunk is None else trunk.vertices_m
         flat = (points - self.model.body.com_m)[:, :2]
@@ -115,7 +116,8 @@ class Links:
 
 
 def _drawable(shape: Shape) -> bool:
-    """Whether a mesh's file is at hand, or its hull is known, as it is of a robot that a plan's file carries."""
+    """Tell whether a mesh's file is at hand, or its hull is known, as it is of a robot that a
+    plan's file carries."""
     return shape.mesh is not None or shape.corners_m is not None
 
 

@@ -1,4 +1,4 @@
-"""Pictures of warp maps: the map's grid over its terrain, conformal error (paper W Fig. 4), convergence (Fig. 5)."""
+"""Pictures of warp maps: the map's grid over its terrain, conformal error (Pan et al. Fig. 4), convergence (Fig. 5)."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def draw_map(
 
 @DEFAULT_STYLE
 def draw_map_convergence(reports: Sequence[MapReport], *, caption: str = "", size_px: Size = PLOT_PX) -> Figure:
-    """Conformal and match energy by CPU time and by iteration, a line a method (paper W Fig. 5).
+    """Conformal and match energy by CPU time and by iteration, a line a method (Pan et al. Fig. 5).
 
     The barrier is left out, so that methods with and without one compare. Raises InvalidInput without reports.
     """
@@ -167,7 +167,8 @@ def _draw_error_map(figure: Figure, axes: Axes, warp: SplineMap, report: MapRepo
 
 
 def _draw_error_shares(axes: Axes, report: MapReport) -> None:
-    """How much of the ground, and of the level of the torso, has an error below what."""
+    """Draw the share of the ground, and of the level of the torso, whose error is below each value.
+    """
     share = np.linspace(0.0, 100.0, report.ground_error.size)
     for name, error, colour in (
         ("ground", report.ground_error, MEASURE_COLOURS[0]), ("0.5 m above", report.torso_error, MEASURE_COLOURS[1])

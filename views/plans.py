@@ -28,10 +28,11 @@ from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .robots import RobotShape, climber, cone, cone_body, limb_of_three
 from .scene import ON_M, Animation, Colour, DrawnBody, Label, Layer, Path, Scene
-from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
+from .shapes import Mesh, Sphere, dashed, hull, lines_told, polyline, ring, unit
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
+    GUIDE,
     INK,
     SIZE_PX,
     Size,
@@ -45,7 +46,7 @@ from .still import Still
 from .terrain import ICE, ICE_EDGE, ICY, SCALE, patches, tint
 from .video import Frame
 
-GOAL, SUPPORT, GUIDE = "#e8a317", "#2a7f62", "#3f6fb5"
+GOAL, SUPPORT = "#e8a317", "#2a7f62"
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
@@ -69,7 +70,7 @@ class PlanView:
 
     @cached_property
     def motion(self) -> Motion:
-        """What ``run`` streams."""
+        """Motion that ``run`` streams."""
         return streamed(self.plan)
 
     @cached_property
@@ -86,7 +87,7 @@ class PlanView:
 
     @cached_property
     def shape(self) -> RobotShape:
-        """What the robot looks like."""
+        """Shape of the robot."""
         return self.drawn_as or climber(self.plan.problem.robot)
 
     @cached_property
@@ -156,9 +157,7 @@ class PlanView:
     @property
     def tried_m(self) -> list[Array]:
         """Nominal paths of the body that were tried, and left for others, shape (L, 3) each [m]."""
-        told = self.plan.provenance.get("tried_m", [])
-        lines = [np.asarray(line, dtype=np.float64) for line in told] if isinstance(told, list) else []
-        return [line for line in lines if line.ndim == 2 and line.shape[1] == 3 and len(line) > 1]
+        return lines_told(self.plan.provenance.get("tried_m"))
 
     def chosen_at(self, now: Samples) -> list[DrawnBody]:
         """The chosen patches that feet stand on in full colour; of the others ``fixed`` has the outlines."""
@@ -166,7 +165,7 @@ class PlanView:
 
     @cached_property
     def colours(self) -> list[str]:
-        """Of the limb of every foothold."""
+        """Colour of the limb of every foothold."""
         names = self.plan.problem.robot.limb_names
         return [leg_colour(names.index(put.limb)) for put in self.plan.problem.footholds]
 
@@ -185,7 +184,8 @@ class PlanView:
     _windows = cached_property(lambda self: dict[int, DrawnBody]())
 
     def limbs(self, now: Samples) -> Sequence[Array]:
-        """What moves each limb: angles of a URDF's; else where its joints are, shape (J, 3) [m], the foot last.
+        """Poses of the limbs: angles of a URDF's; else where its joints are, shape (J, 3) [m], the
+        foot last.
 
         Where no angles are known they are found, and those of limbs without a file are a guess, for the eye.
         """
@@ -217,7 +217,8 @@ class PlanView:
             return None
 
     def _body(self, now: Samples) -> tuple[Array, Array]:
-        """Where the body is drawn, p_WB and R_WB: where its link is, or else at the centre of mass."""
+        """Pose in which the body is drawn, p_WB and R_WB: where its link is, or else at the centre
+        of mass."""
         turn = rotation_of(now.rotation_rad)
         if now.origin_m is None:
             return now.com_m, turn
@@ -237,7 +238,8 @@ class PlanView:
         return Scene(bodies=bodies, arrows=arrows, paths=self.support(now))
 
     def support(self, now: Samples) -> list[Path]:
-        """Where the centre of mass may be before its contacts no longer carry it, and where it is, at their height."""
+        """Region in which the centre of mass may be before its contacts no longer carry it, and
+        where it is, at their height."""
         frame, standing = int(now.frame + 1e-9), now.toes_m[now.stands]
         region = self._region(frame)
         if not len(region) or not len(standing):
@@ -322,7 +324,7 @@ class PlanView:
 
     @property
     def legend(self) -> list[tuple[Colour, str]]:
-        """What colours mean, for a page."""
+        """Legend of the colours, for a page."""
         rows = [
             (INK, "path of the centre of mass"),
             (GUIDE, "guide path, dashed; ways that were tried, faint"),

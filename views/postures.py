@@ -54,12 +54,12 @@ class PostureView:
 
     @property
     def patches(self) -> list[Patch]:
-        """Where the limbs stand."""
+        """Patches on which the limbs stand."""
         return [contact.patch for contact in self.problem.contacts]
 
     @property
     def com_m(self) -> Array:
-        """Of the posture, else the nominal one, shape (3,)."""
+        """Centre of mass of the posture, else the nominal one, shape (3,)."""
         return np.asarray((self.problem.com_nominal_m if self.posture is None else self.posture.com_m)[0])
 
     @cached_property
@@ -74,7 +74,7 @@ class PostureView:
 
     @cached_property
     def shape(self) -> RobotShape:
-        """What the robot looks like."""
+        """Shape of the robot."""
         return hexapod(self.problem.legs, self.mounts_m, self.size_m)
 
     @property
@@ -171,7 +171,7 @@ class PostureView:
         return found
 
     def _shadow(self, level: float) -> Scene:
-        """What the robot would shade of level ground under a high sun."""
+        """Shadow of the robot on level ground under a high sun."""
         outlines = [self.com_m + self.shape.outline_m @ rotation_of(self.rotation_rad).T]
         for a, b in (pair for joints in self.chains() for pair in pairwise(joints)):
             aside, on = 0.035 * self.size_m * unit(np.cross(UP, b - a)), 0.02 * self.size_m * unit(b - a)

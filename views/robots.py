@@ -35,7 +35,7 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotShape:
-    """What a robot looks like.
+    """Shape of a robot, as it is drawn.
 
     outline_m: of its trunk from above, shape (K, 3) in its frame; size_m: its size, which forces and marks are drawn
     to; bone_m: thickness of its limbs. links: its own, where it is a URDF's; what is said of limbs are then angles,
@@ -50,7 +50,7 @@ class RobotShape:
     links: Links | None = None
 
     def lines(self, position_m: Array, rotation: Array, limbs: Sequence[Array]) -> list[Array]:
-        """Where the joints of every limb are, shape (J, 3) [m] each, foot last."""
+        """Places of the joints of every limb, shape (J, 3) [m] each, foot last."""
         return list(limbs) if self.links is None else self.links.chains(position_m, rotation, limbs)
 
     def bodies(
@@ -177,7 +177,7 @@ def cone_body(name: str, shape: Mesh, foot_m: Array) -> DrawnBody:
 
 
 def faded(bodies: Sequence[DrawnBody], strength: float) -> list[DrawnBody]:
-    """The same bodies, paler the smaller the strength, 0 to 1."""
+    """Bodies that are paler the smaller the strength, 0 to 1."""
 
     def tone(colour: Colour) -> Colour:
         return None if colour is None else tuple(strength * np.array(rgb(colour)) + (1.0 - strength) * PAPER)

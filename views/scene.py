@@ -1,4 +1,5 @@
-"""What is drawn, as plain data in the world frame and metres: a robot's bodies, terrain, forces, paths and footholds.
+"""Scenes as plain data in the world frame and metres: a robot's bodies, terrain, forces, paths and
+footholds.
 
 A picture is one ``Scene``, a page or a film an ``Animation``; ``still``, ``page`` and ``film`` draw them, whatever they
 are of. A body's shape is a capsule, a sphere, a box or a mesh, so that made-up limbs and a URDF's links look alike.
@@ -27,7 +28,8 @@ ON_M = 0.002
 
 
 class Layer(IntEnum):
-    """What covers what on paper, the later ones the earlier; within one the nearer. With a depth buffer it is idle."""
+    """Order in which things cover each other on paper, the later ones the earlier; within one the
+    nearer. With a depth buffer it is idle."""
 
     BACKDROP = 0
     TERRAIN = 1
@@ -102,7 +104,7 @@ class Arrow:
 
     @property
     def visible(self) -> bool:
-        """Whether it is longer than it is thick."""
+        """Tell whether it is longer than it is thick."""
         return bool(np.linalg.norm(self.vector_m) > 2.0 * self.radius_m)
 
 
@@ -147,7 +149,7 @@ class Scene:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Animation:
-    """What stays, and what is there at each of T moments, ``step_s`` apart, as seen by a camera.
+    """Scene that stays, and scenes at each of T moments, ``step_s`` apart, as seen by a camera.
 
     Of the moments' parts, those of one name are one thing that moves. notes: what is said at each moment. title, note:
     the line above and below it all, alarm: whether the note is bad news. legend: colours and what they mean.
@@ -188,7 +190,8 @@ class Animation:
 
 
 def _corners(body: DrawnBody, boxes: dict[int, Array]) -> Array:
-    """Of the box of a body's shape, in the world, shape (8, 3) [m]. boxes: of shapes by identity, found once."""
+    """Corners of the box of a body's shape, in the world, shape (8, 3) [m]. boxes: of shapes by
+    identity, found once."""
     if id(body.shape) not in boxes:
         low, high = box_of(body.shape)
         boxes[id(body.shape)] = low + CUBE * (high - low)
@@ -221,7 +224,7 @@ def borders(facets: Sequence[Facet]) -> list[Path]:
 
 
 def merged(paths: Sequence[Path]) -> list[Path]:
-    """The same lines, those of one look in one path."""
+    """Join lines of one look in one path."""
     found: dict[tuple[Any, ...], list[Array]] = {}
     for path in paths:
         key = (to_rgba(path.colour), path.width, path.opacity, path.layer, path.lift_m, path.halo)

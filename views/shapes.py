@@ -161,6 +161,26 @@ def dashed(points: Array) -> Array:
     return polyline(points)[::2]
 
 
+def dashes(points: Array, apart_m: float = 0.05) -> Array:
+    """Dashes along a line whose points may be far apart, shape (K, 3), each so long [m]."""
+    spent = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, spent[-1], max(2, 1 + round(spent[-1] / apart_m)))
+    return dashed(np.stack([np.interp(at, spent, axis) for axis in points.T], axis=1))
+
+
+def lines_told(told: object) -> list[Array]:
+    """The lines through points, shape (L, 3) each [m], of a list that a file may hold; what is none is left out."""
+    found = list[Array]()
+    for line in told if isinstance(told, list) else []:
+        try:
+            points = np.asarray(line, dtype=np.float64)
+        except (ValueError, TypeError, OverflowError):
+            continue
+        if points.ndim == 2 and points.shape[1] == 3 and len(points) > 1 and np.isfinite(points).all():
+            found.append(points)
+    return found
+
+
 def ring(points: Array) -> Array:
     """A line through points and back to the first, in straight pieces."""
     return np.stack([points, np.roll(points, -1, axis=0)], axis=1)

@@ -26,7 +26,7 @@ Size = tuple[int, int]
 SIZE_PX, PLOT_PX = (1200, 900), (1200, 640)
 DEFAULT_STYLE = style.context(["default", {"text.parse_math": False}])
 """Decorator: matplotlib's own settings for one call, so that a user's matplotlibrc changes no picture."""
-INK, QUIET, RULE, ACCENT = "#1f2933", "#66717e", "#d5dae0", "#d1233b"
+INK, QUIET, RULE, ACCENT, GUIDE = "#1f2933", "#66717e", "#d5dae0", "#d1233b", "#3f6fb5"
 LEG_COLOURS = ("#0b7285", "#d9730d", "#7048a8", "#3f8f3a", "#b8407a", "#4a6fd0", "#8c6d31", "#5b6770")
 """Colours of the limbs, in the order of the contacts; they repeat after the eighth."""
 MEASURE_COLOURS = ("#27407f", "#e08a2b", "#8fc7b5", "#58a695", "#2c8173", "#125a50", "#9a86c4", "#c9a227")

@@ -31,7 +31,7 @@ class Stage:
         self._places: dict[str, tuple[float, ...]] = {}
 
     def show(self, scene: Scene, root: str) -> None:
-        """What there is under a root, and nothing else there; what it was before is changed."""
+        """Show this scene under a root, and nothing else there; what it was before is changed."""
         shown = {self._sheet(f"{root}/sheet{k}", ground) for k, ground in enumerate(scene.sheets)}
         for k, ((colour, opacity), each) in enumerate(fans(scene.facets).items()):
             corners = each.reshape(-1, 3)
@@ -45,7 +45,8 @@ class Stage:
         self._only(shown, f"{root}/")
 
     def pose(self, moment: Scene, note: str = "") -> None:
-        """What is there at a moment, and nothing else that moves: bodies, forces, and a note above the first body."""
+        """Show the scene of a moment, and nothing else that moves: bodies, forces, and a note above
+        the first body."""
         shown = {self._body(f"/bodies/{body.name}", body) for body in moment.bodies}
         shown |= {self._arrow(f"/forces/{arrow.name}", arrow) for arrow in moment.arrows if arrow.visible}
         if note and moment.bodies:
@@ -57,7 +58,7 @@ class Stage:
         self._only(shown, "/bodies/", "/forces/", "/notes/")
 
     def _only(self, shown: set[str], *roots: str) -> None:
-        """Of what is under these roots nothing but this is seen."""
+        """Show nothing but this under these roots."""
         for name, node in self._nodes.items():
             if name.startswith(roots) and node.visible != (name in shown):
                 node.visible = name in shown
@@ -140,7 +141,7 @@ class Stage:
 
 
 def _alike(first: DrawnBody, body: DrawnBody) -> bool:
-    """Whether a node that was made for the one shows the other, too, once it is moved."""
+    """Tell whether a node that was made for the one shows the other, too, once it is moved."""
     return first.colour == body.colour and first.opacity == body.opacity and _same(first.shape, body.shape)
 
 

@@ -29,7 +29,7 @@ WEIGHT = {Layer.TERRAIN: 5.0, Layer.SPACE: 1.0, Layer.GLASS: 0.3, Layer.TOP: 4.0
 
 
 def is_glass(facet: Facet, camera: Camera) -> bool:
-    """Whether terrain turns its back on the viewer and stands before what he looks at."""
+    """Tell whether terrain turns its back on the viewer and stands before what he looks at."""
     middle = facet.corners_m.mean(axis=0)
     away = bool(camera.facing(middle, facet.normal) < 0.0)
     return facet.layer == Layer.TERRAIN and away and camera.near(middle) > 0.0
@@ -155,7 +155,7 @@ class Still:
             self._face(piece, "none", colour, path.width, path.layer, path.lift_m)
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Which points, shape (K, 3), are inside a box."""
+        """Tell which points, shape (K, 3), are inside a box."""
         inside = np.zeros(len(points), dtype=bool)
         for body in self.scene.bodies:
             if isinstance(body.shape, Box):
@@ -189,7 +189,8 @@ class Still:
             )  # fmt: skip
 
     def _ink(self, low: Array, high: Array, cell: float) -> Array:
-        """How much is drawn to the left of and below every corner of a grid of cells over the picture."""
+        """Amount of ink to the left of and below every corner of a grid of cells over the picture.
+        """
         faces = [(face[1], WEIGHT[Layer(face[0][0])]) for face in self._faces if face[0][0] in WEIGHT]
         sizes = [len(outline) for outline, _ in faces]
         corners, starts = np.concatenate([outline for outline, _ in faces]), np.cumsum([0, *sizes[:-1]])

@@ -55,7 +55,7 @@ def tracked(recorded: Recorded) -> dict[str, Array]:
 
 
 def differences(tracks: dict[str, Array]) -> dict[str, float]:
-    """How far measured joints were from the plan: worst, root mean square [rad]."""
+    """Differences of measured joints from the plan: worst, root mean square [rad]."""
     away = tracks["angles_rad"] - tracks["planned_rad"]
     return {"joint_worst_rad": float(np.abs(away).max()), "joint_rms_rad": float(np.sqrt(np.mean(away**2)))}
 
@@ -147,7 +147,7 @@ def targets(recorded: Recorded, limbs: int) -> dict[str, Array] | None:
 
 
 def slips(recorded: Recorded, aims: dict[str, Array]) -> Array:
-    """How far every foot has slid from where it touched, 0 in the air, shape (T, N) [m]."""
+    """Slips of every foot from where it touched, 0 in the air, shape (T, N) [m]."""
     (rows, limbs), states = aims["foothold"].shape, {each["time_s"]: each for each in recorded.of("measurement")}
     felt, feet = (
         table([states.get(time, {}).get(name) for time in aims["time_s"]], (rows, limbs, 3), f"log: {name}")

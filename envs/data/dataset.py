@@ -80,7 +80,7 @@ class Dataset:
 
     @property
     def header(self) -> Header:
-        """What was planned, and with what."""
+        """Header of the set: the problems that were planned, and the settings."""
         header = self.ledger.header
         assert isinstance(header, Header)
         return header
@@ -102,7 +102,7 @@ class Dataset:
         return len(self.chosen)
 
     def __getitem__(self, index: int) -> tuple[Observation, int]:
-        """What a policy sees of a row's scene, and the label. Raises as ``row`` does."""
+        """Observation of a row's scene, and its label. Raises as ``row`` does."""
         if not -len(self) <= index < len(self):
             raise IndexError(f"row {index} of {len(self)}")
         problem = self._read(index % len(self), self._problem)
@@ -179,7 +179,8 @@ class Dataset:
 
     @property
     def origin(self) -> dict[str, str]:
-        """What a selector that learned from these rows keeps of them: digest of the set, of its draws, the part."""
+        """Origin of these rows, which a selector keeps: digest of the set, of its draws, and the
+        part."""
         return {"dataset": self.header.digest, "first_sample": self.header.first_sample, "part": self.part}
 
     def split(self, fractions: Sequence[float]) -> tuple[Dataset, ...]:
@@ -231,7 +232,7 @@ class Dataset:
         return row_of(raw, self._robot)
 
     def _read(self, index: int, decode: Callable[[dict[str, Any]], Read]) -> Read:
-        """What ``decode`` makes of the columns of one row."""
+        """Columns of one row, decoded."""
         place = int(self.chosen[index])
         shard = int(np.searchsorted(self.ledger.starts, place, side="right")) - 1
         table = self._open.get(shard)
@@ -247,5 +248,5 @@ class Dataset:
 
 
 def is_test(problem: str) -> bool:
-    """Whether the problem, as a shard has it, is of the part "test"."""
+    """Tell whether the problem, as a shard has it, belongs to the part "test"."""
     return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % TEST_SHARE == 0

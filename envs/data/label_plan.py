@@ -1,4 +1,4 @@
-"""What labelling is asked for, and how many rows of each kind came of it."""
+"""Request to label, and the number of rows of each kind that came of it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ USUAL_TRIES: Mapping[str, int] = MappingProxyType({"random": 8, "finder": 4, "no
 
 @dataclass(frozen=True, kw_only=True)
 class RowPlan(ABC):
-    """What to label, of any kind. counted: settings that say how many rows there are in how many shards."""
+    """Request to label rows of any kind. counted: settings that say how many rows there are in how
+    many shards."""
 
     counted: ClassVar[tuple[str, ...]]
 
@@ -35,7 +36,7 @@ class RowPlan(ABC):
     @property
     @abstractmethod
     def shards(self) -> int:
-        """How many shards the rows are spread over."""
+        """Number of shards over which the rows are spread."""
 
     def _check_counts(self, least: Mapping[str, int]) -> None:
         """Raise InvalidInput for a setting below its least integer, and for more than fits a folder."""
@@ -51,7 +52,8 @@ class RowPlan(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class LabelPlan(RowPlan):
-    """What to label. The rows follow from it to the last bit, whoever draws them (on processors of one kind).
+    """Request to label postures. The rows follow from it to the last bit, whoever draws them (on
+    processors of one kind).
 
     distribution: name of the distribution of problems; robot, terrain: files that it is of, where not the default
     hexapod and no terrain's. feasible, infeasible: rows of each label; the infeasible ones are never trivial, that is,
@@ -97,7 +99,7 @@ class LabelPlan(RowPlan):
 
     @property
     def shards(self) -> int:
-        """How many shards the rows are spread over."""
+        """Number of shards over which the rows are spread."""
         return -(-self.rows // self.shard_size)
 
     def quota(self, shard: int) -> tuple[int, int]:
@@ -111,7 +113,8 @@ class LabelPlan(RowPlan):
 
 @dataclass(frozen=True, kw_only=True)
 class TryPlan(RowPlan):
-    """Which tries of leaps to label. The rows follow from it to the last bit, whoever makes them (as of ``LabelPlan``).
+    """Request to label tries of leaps. The rows follow from it to the last bit, whoever makes them
+    (as of ``LabelPlan``).
 
     distribution: a class of ``configs/leaps.yaml``. scenes: how many leaps; number k is drawn from a generator of
     (seed, k), as in benchmarks. tries: choices of contacts per scene of each order of ``LeapFinder``; fewer where a
@@ -156,7 +159,7 @@ class TryPlan(RowPlan):
 
     @property
     def shards(self) -> int:
-        """How many shards the rows are spread over."""
+        """Number of shards over which the rows are spread."""
         return -(-self.scenes // self.scenes_a_shard)
 
     @property
@@ -172,8 +175,8 @@ class TryPlan(RowPlan):
 
 @dataclass(frozen=True, kw_only=True)
 class Counts:
-    """How many of each kind; ``infeasible`` leaves out the trivially infeasible. Tries that are solved, refuted and
-    unsolved count as feasible, infeasible and undecided."""
+    """Numbers of rows of each kind; ``infeasible`` leaves out the trivially infeasible. Tries that
+    are solved, refuted and unsolved count as feasible, infeasible and undecided."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 

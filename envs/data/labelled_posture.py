@@ -68,7 +68,7 @@ def problem_of(raw: dict[str, Any], robot: Robot) -> Problem:
 
 
 def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
-    """What a shard has in a row, by the columns' names."""
+    """Posture and label in a row of a shard, whose columns have these names."""
     problem, certificate = problem_of(raw, robot), None
     if raw["tree"] is not None:
         rows = sum(len(c.reach_rows.bounds_m) for c in problem.contacts if c.reach_rows is not None)

@@ -51,7 +51,7 @@ OF_TRY = (
 
 @dataclass(frozen=True, kw_only=True)
 class TrySummary:
-    """What a data set of tries holds. tries_per_cpu_s: NaN without timing files."""
+    """Summary of a data set of tries. tries_per_cpu_s: NaN without timing files."""
 
     scenes: int
     solved: int
@@ -94,7 +94,7 @@ class LeapTries:
 
     @property
     def header(self) -> TryHeader:
-        """What was planned, what all scenes share, and what the labels mean."""
+        """Header of the set: the problems, what all scenes share, and what the labels mean."""
         header = self.ledger.header
         assert isinstance(header, TryHeader)
         return header
@@ -186,7 +186,8 @@ class LeapTries:
         return self._leap(shard, scene, rows[scene - plan.scenes_of(shard).start])
 
     def parts(self) -> list[str]:
-        """Of every scene "train" or "test", by a hash of its class, seed and number: the same in whatever data set."""
+        """Part of every scene, "train" or "test", by a hash of its class, seed and number: the same
+        in whatever data set."""
         plan = self.header.plan
         names = (scene_name(plan.distribution, plan.seed, number) for number in range(plan.scenes))
         return ["test" if is_test(name) else "train" for name in names]
@@ -331,7 +332,7 @@ def _firsts(table: pa.Table) -> list[dict[str, Any]]:
 
 
 def _same_in_scenes(table: pa.Table, name: str) -> bool:
-    """Whether every row of a scene has in this column what the first one has."""
+    """Tell whether every row of a scene has the value of its first row in this column."""
     scenes = table.column("scene").to_numpy()
     firsts = np.searchsorted(scenes, scenes)
     column = table.column(name).combine_chunks()

@@ -45,8 +45,8 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Head(BaseModel, ABC):
-    """What the header of every data set says. legs: limbs, in their order. first_sample: SHA-256 of what is drawn
-    first, to know the distribution by. software: versions at the beginning."""
+    """Head of the header of every data set. legs: limbs, in their order. first_sample: SHA-256 of
+    what is drawn first, to know the distribution by. software: versions at the beginning."""
 
     model_config = STRICT
     format: str
@@ -112,7 +112,8 @@ HEADERS: Mapping[str, type[Header | TryHeader]] = MappingProxyType(
 
 
 class Tally(BaseModel):
-    """What a shard says of itself in its metadata. dataset: the header's digest; rows: kept; drawn: kept or not.
+    """Tally that a shard keeps in its metadata. dataset: the header's digest; rows: kept; drawn:
+    kept or not.
 
     undecided_samples: sample numbers of the undecided. software: versions that the shard was made with.
     """
@@ -187,7 +188,7 @@ def try_schema(shapes: Mapping[str, list[int]]) -> pa.Schema:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ledger:
-    """What there is of one data set. tallies: by shard number."""
+    """Shards of one data set. tallies: by shard number."""
 
     folder: Path
     header: Header | TryHeader
@@ -216,7 +217,7 @@ class Ledger:
 
     @cached_property
     def starts(self) -> list[int]:
-        """How many rows come before every shard and, last, how many there are; where none is missing."""
+        """Number of rows before every shard and, last, of all; no shard may be missing."""
         return list(itertools.accumulate((self.tallies[k].rows.total for k in range(len(self.tallies))), initial=0))
 
     @property

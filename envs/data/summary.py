@@ -1,4 +1,4 @@
-"""What a data set holds and what it cost."""
+"""Contents and cost of a data set."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .ledger import Counts, Ledger
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """What a data set holds and what it cost.
+    """Contents and cost of a data set.
 
     rows: kept; drawn: kept or not. cpu_s_per_1000: processor seconds for 1000 samples drawn. solve_ms_median,
     solve_ms_p99: of deciding each of them, of a block its share, wall clock [ms]. NaN without timing files.
@@ -47,5 +47,5 @@ class Summary:
 
 
 def finite(values: dict[str, Any]) -> dict[str, Any]:
-    """The same with None for numbers that JSON has not."""
+    """Replace numbers that JSON lacks by None."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}

@@ -56,7 +56,7 @@ def perturbed(
 def icy_walls(rng: np.random.Generator, frames: int = 8, regions: int = 4, *, ice: float = ICE) -> Problem:
     """The built-in walls with panels of .3 m, each without friction by this chance, whether or not that can be climbed.
 
-    regions: candidate patches a toe, the nearest panels whether icy or not (paper E §IV-B.2).
+    regions: candidate patches a toe, the nearest panels whether icy or not (Lin et al. §IV-B.2).
     """
     spec = read_spec("icy-walls").with_frames(frames)
     terrain = spec.terrain.model_copy(update=_panels(rng, ice))

@@ -51,7 +51,8 @@ TRIES = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where a foot may stand: points, shape (K, 3) [m], normals, (K, 3), and free radii about them, (K,) [m]."""
+    """Places where a foot may stand: points, shape (K, 3) [m], normals, (K, 3), and free radii
+    about them, (K,) [m]."""
 
     points_m: Array
     normals: Array
@@ -59,7 +60,7 @@ class Places:
 
     @classmethod
     def of(cls, path: str | Path, least_m: float) -> Places:
-        """Those of a terrain's file or name with room for a circle of this radius.
+        """Places of a terrain's file or name that have room for a circle of this radius.
 
         Raises InvalidInput for a file that is no terrain, and for one without any such place.
         """

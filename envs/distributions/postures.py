@@ -1,4 +1,4 @@
-"""Distributions of posture problems (paper E §IV-A): what terrains look like to limbs about to stand on them."""
+"""Distributions of posture problems (Lin et al. §IV-A): what terrains look like to limbs about to stand on them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Distribution(Protocol):
 
     @property
     def terrain(self) -> str:
-        """What the mode of a course is called over such terrain."""
+        """Name that the mode of a course has over such terrain."""
         ...
 
     @property
@@ -73,10 +73,10 @@ class Repeatable(Distribution, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class PostureDistribution:
-    """G(θ) of paper E: one random triangle a limb, on the ground or on two facing walls.
+    """G(θ) of Lin et al.: one random triangle a limb, on the ground or on two facing walls.
 
     Each normal leans by up to 30° from the nominal one in a random direction. ``sample`` draws one problem.
-    stance: where the patches are; paper E's places about the robot's shoulders where None.
+    stance: where the patches are; Lin et al.'s places about the robot's shoulders where None.
     """
 
     name: str
@@ -111,7 +111,8 @@ class PostureDistribution:
 
     @cached_property
     def _about(self) -> tuple[NominalStance, Array, Array]:
-        """What is drawn about, and of each limb the bounds of what is drawn, shape (N, 8)."""
+        """Stance about which scenes are drawn, and for each limb the bounds of the draw, shape (N,
+        8)."""
         stance = self.stance or paper_stance(self.robot.select(self.legs), self.terrain)
         turn = (0.0, 2.0 * np.pi)
         of_all = np.array([(0.0, MAX_TILT_RAD), turn, stance.circumradius_m, turn, self.friction])
@@ -137,7 +138,7 @@ GROUND_3 = PostureDistribution(name="ground-3", terrain="ground", legs=THREE_LEG
 WALL_3 = PostureDistribution(name="wall-3", terrain="wall", legs=THREE_LEGS, friction=WALL_FRICTION)
 WALL_5 = PostureDistribution(name="wall-5", terrain="wall", legs=FIVE_LEGS, friction=WALL_FRICTION)
 DISTRIBUTIONS: Mapping[str, PostureDistribution] = MappingProxyType({d.name: d for d in (GROUND_3, WALL_3, WALL_5)})
-"""Paper E's three problem classes by name."""
+"""Lin et al.'s three problem classes by name."""
 REGISTRY: Registry[Any] = Registry(
     "distribution", "stancekit.distributions",
     {name: f"{__name__}:{name.upper().replace('-', '_')}" for name in DISTRIBUTIONS},

@@ -1,8 +1,10 @@
-"""Where a robot's patches are drawn: the nominal places of its toes on the ground and on two facing walls, and sizes.
+"""Stances about which a robot's patches are drawn: the nominal places of its toes on the ground and
+on two facing walls, and sizes.
 
-Paper E's classes stand on the default hexapod's shoulders and reach. For a robot from a file the same law stands on its
-own legs: on the ground its toes as it stands; on walls the places that its legs reach at one distance to each side.
-Every size grows with the legs: what is drawn for a reach of ``PAPER_REACH_M`` is drawn as many times as large.
+Lin et al.'s classes stand on the default hexapod's shoulders and reach. For a robot from a file the
+same law stands on its own legs: on the ground its toes as it stands; on walls the places that its
+legs reach at one distance to each side. Every size grows with the legs: what is drawn for a reach
+of ``PAPER_REACH_M`` is drawn as many times as large.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ FIVE_LEGS = ("RF", "RM", "RR", "LF", "LR")
 PAPER_LEGS = {3: THREE_LEGS, 5: FIVE_LEGS}
 PAPER_REACH_M = 0.35
 PAPER_LENGTH_M = 0.6
-"""Length scale of paper E's robot."""
+"""Length scale of Lin et al.'s robot."""
 GROUND_ROOM_M, WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
 """How far a patch may be from its nominal place, along x, y and z, to either side."""
 CIRCUMRADIUS_M = (0.03, 0.08)
@@ -46,8 +48,9 @@ SIDEWAYS = 0.8
 
 @dataclass(frozen=True, eq=False)
 class NominalStance:
-    """What a law draws about: nominal centres of the patches and their normals, from the centre of mass, shape (N, 3)
-    each [m]; room_m: how far off a centre may be, outwards positive, (N, 3) [m]; sizes [m]; and the body's tilt [rad].
+    """Stance about which a law draws: nominal centres of the patches and their normals, from the
+    centre of mass, shape (N, 3) each [m]; room_m: how far off a centre may be, outwards positive,
+    (N, 3) [m]; sizes [m]; and the body's tilt [rad].
 
     With legs of half-spaces the body is level: a tilt would leave many scenes undecided, feasible by what bounds take
     for their reach and not by what plans take (``planners.robot.reach``); where it is 0 both are the sets themselves.
@@ -63,7 +66,7 @@ class NominalStance:
 
 
 def paper_stance(limbs: Sequence[Limb], law: Law) -> NominalStance:
-    """Paper E's: patches beside and below the shoulders, or on walls at .40 m to each side."""
+    """Lin et al.'s: patches beside and below the shoulders, or on walls at .40 m to each side."""
     centre, normal, room = zip(*((_wall if law == "wall" else _ground)(limb) for limb in limbs), strict=True)
     return NominalStance(np.array(centre), np.array(normal), np.array(room))
 
@@ -86,8 +89,9 @@ def _wall(limb: Limb) -> tuple[Array, Array, Array]:
 class StandingRobot:
     """A robot that scenes are drawn for, and where its toes are as it stands.
 
-    robot: as the contact planner has it, inner sets. toes_m: from its centre of mass, shape (N, 3) [m]. reach_m: how
-    far a foot gets from its first joint, in the mean [m]. paper: the default hexapod, about which paper E's law draws.
+    robot: as the contact planner has it, inner sets. toes_m: from its centre of mass, shape (N, 3)
+    [m]. reach_m: how far a foot gets from its first joint, in the mean [m]. paper: the default
+    hexapod, about which Lin et al.'s law draws.
     """
 
     robot: Robot
@@ -125,7 +129,8 @@ class StandingRobot:
         return cls(robot=made, toes_m=standing_toes(model), reach_m=reach)
 
     def legs(self, count: int, name: str) -> tuple[str, ...]:
-        """So many of its legs: those whose toes hold its centre of mass best, by the largest margin inside their hull.
+        """Choose this many legs: those whose toes hold its centre of mass best, by the largest
+        margin inside their hull.
 
         Raises InvalidInput for a robot with fewer.
         """
@@ -139,7 +144,8 @@ class StandingRobot:
         return tuple(names[index] for index in chosen)
 
     def stance(self, law: Law, legs: Sequence[str]) -> NominalStance:
-        """What scenes on these legs are drawn about. Raises InvalidInput for a leg that is not there."""
+        """Stance about which scenes on these legs are drawn. Raises InvalidInput for a leg that is
+        not there."""
         limbs = self.robot.select(legs)
         if self.paper:
             return paper_stance(limbs, law)
@@ -157,12 +163,13 @@ class StandingRobot:
 
     @property
     def _farthest(self) -> float:
-        """How far a toe may be from the centre of mass [m]."""
+        """Largest distance of a toe from the centre of mass [m]."""
         return max(float(np.linalg.norm(_set_of(limb).vertices, axis=1).max()) for limb in self.robot.limbs)
 
 
 def _held(toes: Array) -> float:
-    """How far inside the toes' hull, seen from above, the centre of mass is [m]; below 0 outside, or without a hull."""
+    """Margin of the centre of mass inside the toes' hull, seen from above [m]; below 0 outside, or
+    without a hull."""
     from scipy.spatial import ConvexHull, QhullError  # slow to import
 
     if len(toes) < 3:
@@ -197,7 +204,8 @@ def _on_walls(sets: Sequence[Polytope], side: Array, thickness_m: float) -> Arra
 
 
 def _is_default(robot: Robot) -> bool:
-    """Whether a robot without a model is the default hexapod, about which paper E's law draws."""
+    """Tell whether a robot without a model is the default hexapod, about which the law of Lin et
+    al. draws."""
     own = hexapod()
     return robot.limb_names == own.limb_names and all(
         one.reach_m == other.reach_m

@@ -1,4 +1,5 @@
-"""Where independent tasks run: in processes of this machine, or on a Ray cluster. The answers do not depend on it."""
+"""Executors of independent tasks: in processes of this machine, or on a Ray cluster. The answers do
+not depend on it."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
 
 @dataclass(frozen=True, kw_only=True)
 class Exported:
-    """What ``export`` wrote.
+    """Record of what ``export`` wrote.
 
     Arguments:
         root: the folder to give to Minari as MINARI_DATASETS_PATH.
@@ -193,7 +193,8 @@ def _episode(
 
 
 def _spec(plan: LabelPlan) -> gymnasium.envs.registration.EnvSpec:
-    """What ``recover_environment`` makes: the environment of this class, robot and terrain."""
+    """Specification from which ``recover_environment`` makes an environment: the environment of
+    this class, robot and terrain."""
     spec = copy.deepcopy(gymnasium.spec(ENVIRONMENT))
     files = {"robot": plan.robot, "terrain": plan.terrain}
     spec.kwargs = {"problem": plan.distribution, **{name: file for name, file in files.items() if file is not None}}

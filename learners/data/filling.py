@@ -24,7 +24,8 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """How far a run is. rows, drawn: of all shards that are done; rate: samples drawn per second in this run."""
+    """Progress of a run. rows, drawn: of all shards that are done; rate: samples drawn per second
+    in this run."""
 
     shards_done: int
     shards: int

@@ -81,7 +81,7 @@ class RecheckReport:
 
     @property
     def accepted(self) -> bool:
-        """Whether all were."""
+        """Tell whether the verifier accepted all rows."""
         return not self.refused
 
     def to_json(self) -> dict[str, Any]:

@@ -179,7 +179,8 @@ class _Drafts:
 
 
 class _Recheck:
-    """What the verifier has said so far. refused: rows; residuals: of plans; bounds: of multipliers."""
+    """Tally of what the verifier has said so far. refused: rows; residuals: of plans; bounds: of
+    multipliers."""
 
     def __init__(self) -> None:
         self.refused: set[int] = set()

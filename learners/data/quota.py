@@ -1,4 +1,4 @@
-"""How much data an experiment asks for."""
+"""Amount of data that an experiment asks for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import ConfigDict
 
 @dataclass(frozen=True, kw_only=True)
 class Quota:
-    """How many rows of each label, from which seed."""
+    """Number of rows per label, and their seed."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 

@@ -120,7 +120,8 @@ def work(ray: Any, pipe: Connection, expected: dict[str, str]) -> None:
 
 
 def call(expected: dict[str, str]) -> Callable[[bytes], bytes | str]:
-    """What a worker does with a task. It goes there whole, since a node need not have this package; it says so then."""
+    """Function that a worker runs on a task. It goes there whole, since a node need not have this
+    package; it says so then."""
     checked: list[str] = []
 
     def run(task: bytes) -> bytes | str:
@@ -181,7 +182,7 @@ class Watch:
 
 
 def answers(address: str) -> bool:
-    """Whether something listens at host:port."""
+    """Tell whether something listens at host:port."""
     host, _, port = address.rpartition(":")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), timeout=2.0):

@@ -26,15 +26,16 @@ INDEX = "scenes.json"
 
 @dataclass(frozen=True, kw_only=True)
 class SceneVerdict:
-    """What is known of a scene. proof: of an infeasible one, a certificate that was verified, or that nothing is within
-    reach of some toe; else empty."""
+    """Verdict on a scene. proof: of an infeasible one, a certificate that was verified, or that
+    nothing is within reach of some toe; else empty."""
 
     status: Status
     proof: str = ""
 
 
 def judged(planner: Planner, name: str) -> SceneVerdict:
-    """Whether the course FAMILY:LEVEL:SEED has a plan, by a planner whose answers are verified. Raises InvalidInput."""
+    """Decide whether the course FAMILY:LEVEL:SEED has a plan, by a planner whose answers are
+    verified. Raises InvalidInput."""
     try:
         outcome = planner.solve(read_course(name))
     except NoFooting:

@@ -208,14 +208,15 @@ class ShardDraft:
 
     @property
     def missing(self) -> str:
-        """How many rows of which kind are missing, in words; empty where none is."""
+        """Number of rows of each kind that are missing, in words; empty where none is."""
         if self._plan.natural:
             return f"{self._wanted - self._kept.total()}" if self._kept.total() < self._wanted else ""
         return " and ".join(f"{count} {kind}" for kind, count in self._room.items() if count > 0)
 
     @property
     def lacking(self) -> int:
-        """How many samples more will do, by what came so far, beyond those that are being decided."""
+        """Number of further samples that will do, by the yield so far, beyond those that are being
+        decided."""
         if self._plan.natural:
             expected = self._wanted - len(self._drawn)
         else:
@@ -246,7 +247,8 @@ class ShardDraft:
         return None if self.missing else self._whole()
 
     def _keep(self, block: LabelBlock) -> None:
-        """What is wanted of the next block, in its order; what comes after the last row was not drawn."""
+        """Keep the rows of the next block that are wanted, in its order; what comes after the last
+        row was not drawn."""
         begin, chosen = len(self._drawn), list[int]()
         rows = zip(*(block.rows.column(name).to_pylist() for name in ("sample", "trivial", "label")), strict=True)
         made = {sample: (k, "trivial" if trivial else label) for k, (sample, trivial, label) in enumerate(rows)}
@@ -270,7 +272,7 @@ class ShardDraft:
             raise LabellingFailed(f"{self._plan.distribution}: shard {self.shard} {lacks}")
 
     def _wants(self, kind: str) -> bool:
-        """Whether there is room for another row of this kind."""
+        """Tell whether there is room for another row of this kind."""
         return self._plan.natural or self._room[kind] > 0
 
     @property

@@ -39,7 +39,7 @@ SHARD_SIZE = 125
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClassResult:
-    """What a run found for one class of problems.
+    """Results of a run for one class of problems.
 
     labelling: summary of the training rows. learned: selectors by method. fresh: rows that this run made.
     """
@@ -210,7 +210,7 @@ class _Class:
 
 
 def _source(method: str) -> list[str]:
-    """Of a method from a file, FILE.py:NAME, the digest of that file; nothing of the others."""
+    """Digest of the file of a method FILE.py:NAME, as a list; empty for other methods."""
     path, colon, _ = method.rpartition(":")
     return [hashlib.sha256(Path(path).read_bytes()).hexdigest()] if colon and Path(path).is_file() else []
 

@@ -51,7 +51,7 @@ TABLE_I: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = Mapping
         },
     }
 )
-"""Paper E's Table I: P1 correct feasible, P1 correct infeasible, P1 → P2 by fix-p, P1 → P2 by NLP."""
+"""Lin et al.'s Table I: P1 correct feasible, P1 correct infeasible, P1 → P2 by fix-p, P1 → P2 by NLP."""
 
 _PAPER_NAMES = {"heuristic": "heuristic", "gmm-printed": "cluster", "gmm": "cluster", "ga": "GA"}
 
@@ -97,7 +97,7 @@ class Score:
         p1_ms: median time of P1 over them [ms].
         notes: further figures by name.
     Source:
-        Paper E Table I.
+        Lin et al. Table I.
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -171,7 +171,7 @@ def evaluate_lift(
     progress: Progress | None = None,
     run: Executor | None = None,
 ) -> Score:
-    """The same figures for the lift, which has no box to choose."""
+    """Score the relaxation without envelopes (the lift), which has no box to choose."""
     return _score("lift", _everywhere(partial(_lifted, Programs(), projections), scenes, progress, run), projections)
 
 
@@ -237,7 +237,7 @@ class _Dealt:
 def _lifted(
     programs: Programs, projections: tuple[Projection, ...], scenes: Sequence[LabelledScene]
 ) -> list[dict[str, Any]]:
-    """What the environment would say of each scene if P1 were the lift."""
+    """Info that the environment would give of each scene if P1 were the lift."""
     acceptance, infos = Acceptance(tolerance=ADMITTED), []
     for scene in scenes:
         scaled = Scaled.of(scene.problem)

@@ -1,4 +1,4 @@
-"""What an experiment is: which problems, how much data, which methods. ``bench`` runs it."""
+"""Definition of an experiment: which problems, how much data, which methods. ``bench`` runs it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from ..training.fitting import METHODS
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """Which problems, how much data, which methods. The seeds of ``train``, ``calibration`` and ``test`` differ.
+    """Definition of an experiment: its problems, amount of data and methods. The seeds of
+    ``train``, ``calibration`` and ``test`` differ.
 
     robot, terrain: files that the problems are of, where not the default hexapod and no terrain's.
     calibration: rows that methods may calibrate on; without it they keep a part of ``train`` for that.

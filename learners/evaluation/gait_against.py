@@ -39,7 +39,8 @@ def judged(folder: Path, on_progress: Callable[[str, int, int], None] | None = N
 
 
 def ours(rows: list[dict[str, Any]], folder: Path) -> list[dict[str, Any]]:
-    """Of every task that is named in the rows, the cells that a folder of ``bench gait`` has, as rows of this kind."""
+    """Rows of this kind for every task that the rows name, from the cells in a folder of ``bench
+    gait``."""
     found = []
     for terrain, task in dict.fromkeys((row["terrain"], row["task"]) for row in rows if row["task"] is not None):
         for method in OURS:

@@ -1,4 +1,4 @@
-"""Paper W's benchmarks again: how often, how fast and how well charts find gaits that are feasible, and that verify.
+"""Pan et al.'s benchmarks again: how often, how fast and how well charts find gaits that are feasible, and that verify.
 
 Every cell is one task of a terrain, one initial guess and one method, and a file of its own, written when it is
 measured: a run that is stopped goes on with the next cell. Cells come in an order that stays balanced wherever it
@@ -54,7 +54,7 @@ JUDGED = ("reach", "penetration", "trunk", "cone", "slip", "contact_gap")
 
 @dataclass(frozen=True, kw_only=True)
 class GaitBenchSettings:
-    """What is measured.
+    """Settings of the measurement.
 
     every: each how manieth task of a terrain; seeds: perturbed guesses a task, besides the guess itself; noise: their
     deviation on every variable [m, rad, m·g]; iterations: of a solve; cap_s: CPU time at which a solve is cut off and
@@ -84,7 +84,7 @@ class GaitBenchSettings:
         return cls(methods=methods, every=24, seeds=0, cap_s=15.0, total_s=45.0)
 
     def protocol(self) -> dict[str, Any]:
-        """What a cell's figures depend on."""
+        """Settings on which a cell's figures depend."""
         return {name: getattr(self, name) for name in ("noise", "iterations", "cap_s", "total_s")}
 
 
@@ -220,7 +220,8 @@ def _planned(cell: GaitCell, settings: GaitBenchSettings, task: Walk) -> dict[st
 
 
 def figures(report: Report[Trajectory]) -> dict[str, Any]:
-    """What the verifier measured: its figures, the values of some groups [SI], and what it refuses."""
+    """Figures that the verifier measured: its figures, the values of some groups [SI], and what it
+    refuses."""
     values = {group.name: group.value for group in report.groups if group.name in JUDGED}
     return {
         "message": report.message,
@@ -230,7 +231,7 @@ def figures(report: Report[Trajectory]) -> dict[str, Any]:
 
 
 def gait_task(terrain: str, number: int) -> Walk:
-    """A task of paper W's benchmark for ANYmal.
+    """A task of Pan et al.'s benchmark for ANYmal.
 
     In pits the robot faces its goal, for its suckers are in front; elsewhere it faces x and walks in all directions.
     """
@@ -261,7 +262,7 @@ def _map(terrain: str, folder: Path) -> SplineMap:
 
 
 def _rng(cell: GaitCell) -> np.random.Generator:
-    """The same for all methods of a task and a seed."""
+    """Random generator, the same for all methods of a task and a seed."""
     return np.random.default_rng([zlib.crc32(cell.terrain.encode()), cell.task, cell.seed])
 
 

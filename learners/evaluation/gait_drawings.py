@@ -1,4 +1,4 @@
-"""The cells of ``gait_bench`` as pictures: violation and CPU time by walking direction (paper W Figs. 8 and 9), and
+"""The cells of ``gait_bench`` as pictures: violation and CPU time by walking direction (Pan et al. Figs. 8 and 9), and
 violation by iteration.
 
 Drawn are the paper's method, ours and the baseline, by the paper's quasi-Newton and by the exact Hessian; a portfolio

@@ -1,4 +1,5 @@
-"""What the cells of ``gait_bench`` come to: rates of success, quartiles, and ratios against the baseline."""
+"""Figures of the cells of ``gait_bench``: rates of success, quartiles, and ratios against the
+baseline."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ def table(rows: Iterable[Row]) -> list[dict[str, Any]]:
     """One record a method and terrain, in the order of ``METHODS`` and of the rows.
 
     cells; success, verified: shares; left_cone: share of those that succeeded whose feet leave the true cone; paper:
-    the success that paper W prints for it, if any; capped: how many were cut off. verified_cpu_s: quartiles over what
+    the success that Pan et al. print for it, if any; capped: how many were cut off. verified_cpu_s: quartiles over what
     the verifier accepts. Quartiles over the cells that succeeded: iterations, cpu_s, iteration_s, linear_share (of the
     CPU time in the solver and its linear algebra), peak_g, peak_before_g (of a portfolio's first feasible point),
     force_rms, force_peak, reach_mm, penetration_mm, and outside_cone, the share of standing samples outside the cone.
@@ -108,7 +109,7 @@ def ratios(rows: Iterable[Row], method: str, name: str = "iterations", against: 
 
 
 def _share(flags: Iterable[bool]) -> float | None:
-    """Of what is there; None of nothing."""
+    """Share of true flags; None without flags."""
     values = list(flags)
     return sum(values) / len(values) if values else None
 

@@ -1,4 +1,4 @@
-"""The methods of paper W's benchmarks, and its own figures."""
+"""The methods of Pan et al.'s benchmarks, and its own figures."""
 
 from __future__ import annotations
 
@@ -51,4 +51,4 @@ PAPER: Mapping[str, Mapping[str, float]] = {
     "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},
     "warped-lbfgs": {"ripple": 0.92, "cone": 1.0, "hill": 1.0, "pit": 0.13},
 }
-"""Success of paper W's Table I (Knitro, 200 iterations)."""
+"""Success of Pan et al.'s Table I (Knitro, 200 iterations)."""

@@ -1,4 +1,5 @@
-"""What the rows of ``gait_bench`` have that tables and pictures need, checked where a cell's file is read."""
+"""Columns of ``gait_bench`` rows that tables and pictures need, checked where a cell's file is
+read."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def _number(value: float | None) -> str:
 
 
 def _data(experiment: Experiment) -> list[str]:
-    """What rows were learned from and judged on, and with which versions."""
+    """Section on the rows that the methods learned from and were judged on, and on versions."""
     lines = ["## Data", "", _row(["part", "feasible", "infeasible", "seed"]), _row(["---", "---:", "---:", "---:"])]
     for part in ("train", "calibration", "test"):
         quota = getattr(experiment, part)

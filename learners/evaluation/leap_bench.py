@@ -58,7 +58,7 @@ ROWS = "rows.jsonl"
 
 @dataclass(frozen=True, kw_only=True)
 class LeapBenchSettings:
-    """What is measured.
+    """Settings of the measurement.
 
     distribution: a class of ``configs/leaps.yaml``. scenes: how many, from number 0 on; seed: of all of them. methods:
     of ``UNLEARNED``, and files of learned scores, or names of such that ship. solves: convex problems at most per
@@ -95,7 +95,7 @@ class LeapBenchSettings:
 
     @property
     def shared(self) -> dict[str, Any]:
-        """What rows have in common: those measured with other values are not gone on with."""
+        """Settings that all rows share: those measured with other values are not gone on with."""
         return {name: getattr(self, name) for name in ("distribution", "seed", "solves", "ipopt_s")}
 
 
@@ -261,7 +261,7 @@ def name_of(method: str) -> str:
 
 
 def is_scorer(method: str) -> bool:
-    """Whether it is a file of learned scores, or the name of one that ships."""
+    """Tell whether it is a file of learned scores, or the name of one that ships."""
     return method.endswith(SCORER) or method in shipped_scorers()
 
 
@@ -322,7 +322,8 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
 
 
 def proofs(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Of the scenes that no method solves: how many, how many of these are proved infeasible, and the share."""
+    """Proofs about the scenes that no method solves: how many, how many of these are proved
+    infeasible, and the share."""
     solved = {row["scene"] for row in rows if row["found"]}
     open_ = [row for row in rows if row["method"] == PROOF and row["scene"] not in solved]
     proved = sum(row["proved"] for row in open_)

@@ -1,4 +1,4 @@
-"""Paper E's Table II again: how long the planners of courses take, and how large their programs are.
+"""Lin et al.'s Table II again: how long the planners of courses take, and how large their programs are.
 
 Every cell of the table is one planner at one number of key frames, and a file of its own, written when it is measured:
 a run that is stopped goes on with the next cell. Of two-stage planners compiling and re-solving are timed apart.
@@ -46,8 +46,8 @@ FORMS: Mapping[Form, str] = {
     "course-2": "MICP, K = 2, course's grid",
     "shrink-2": "MICP, K = 2, shrunk grid",
 }
-"""Names. K intervals a component, over [−1, 1] as in paper E, or over the bounds that the course implies (no envelope),
-or over the envelope. Only programs of the same K have as many binaries."""
+"""Names. K intervals a component, over [−1, 1] as in Lin et al., or over the bounds that the course
+implies (no envelope), or over the envelope. Only programs of the same K have as many binaries."""
 MICP: tuple[Form, ...] = tuple(form for form in FORMS if "-" in form)
 OPTIMISED: tuple[Form, ...] = ("unit-4", "rows-4", "shrink-4", "unit-2", "shrink-2")
 PAPER: Mapping[tuple[Form, int], dict[str, Any]] = {
@@ -68,7 +68,7 @@ PAPER: Mapping[tuple[Form, int], dict[str, Any]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerBenchSettings:
-    """What is measured.
+    """Settings of the measurement.
 
     two_stage, micp, optimised: numbers of key frames, of the last kind MICP with the objective minimised to ``gap``
     instead of the first point taken. solver: of MICP. cap_s: its time limit. repeats: of re-solving, the median counts.

@@ -40,7 +40,7 @@ FEET_ALONE = ("anymal-inclined-surfaces", "talos-ramp")
 
 @dataclass(frozen=True, kw_only=True)
 class SceneBenchSettings:
-    """What is measured.
+    """Settings of the measurement.
 
     scenes: names or files. methods: of ``METHODS``. robot: in place of the published polytopes, as ``read_course`` has
     it; reach: a folder of polytopes in their place. time_limit_s: of each planner on each scene.
@@ -61,7 +61,7 @@ class SceneBenchSettings:
 
     @property
     def all_scenes(self) -> tuple[str, ...]:
-        """Those that are named, or all that come with the package."""
+        """Scenes that the settings name, or all that come with the package."""
         return self.scenes or builtin_scenes()
 
 

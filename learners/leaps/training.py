@@ -36,7 +36,7 @@ for _k, _name in enumerate(OF_CANDIDATE):
 
 @dataclass(frozen=True, kw_only=True)
 class ScorerSettings:
-    """How a scorer is learned.
+    """Settings of learning a scorer.
 
     part: of the scenes, all of them or a part of the split by hash: what learns from "train" can be judged on "test".
     scenes: so many of them, the first ones; all where None.

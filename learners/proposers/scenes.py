@@ -55,7 +55,7 @@ class Scenes:
         return replace(self, vertices=self.vertices[rows], frames=self.frames[rows], friction=self.friction[rows])
 
     def observed(self) -> SceneTensors:
-        """The same problems as a policy sees them, single precision."""
+        """View of the same problems that a policy gets, single precision."""
 
         def seen(values: Tensor, room: float = ROOM) -> Tensor:
             return values.clamp(-room, room).float()

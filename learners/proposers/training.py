@@ -45,7 +45,7 @@ RECORDS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class ProposerSettings:
-    """How proposers are trained.
+    """Settings of training proposers.
 
     architecture: of either network. proofs, postures: steps of AdamW of each: more settle more problems, and take
     longer. batch: scenes a step. rate: of AdamW; it rises over the first twentieth and falls along a cosine. pool:
@@ -140,7 +140,7 @@ def _descent(
 
 
 def lacks(name: str, network: nn.Module, scenes: Scenes) -> Tensor:
-    """What every proposal lacks, at least 0: of postures shape (B, 1), of proofs (B, 2)."""
+    """Shortfall of every proposal, at least 0: of postures shape (B, 1), of proofs (B, 2)."""
     said = network(scenes.observed())
     if name == "postures":
         return torch.relu(witness.claims(scenes, *said).violation + ROOM).sum(dim=1, keepdim=True)

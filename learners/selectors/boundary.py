@@ -1,4 +1,5 @@
-"""Boundary_fit (paper E §III-1): a box around a cluster's centre that leaves out the points of infeasible problems."""
+"""Boundary_fit (Lin et al. §III-1): a box around a cluster's centre that leaves out the points of
+infeasible problems."""
 
 from __future__ import annotations
 

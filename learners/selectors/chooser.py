@@ -1,4 +1,4 @@
-"""A chooser among several envelopes: the terrain decides which box P1 gets (paper E's one binary a box, learned)."""
+"""A chooser among several envelopes: the terrain decides which box P1 gets (Lin et al.'s one binary a box, learned)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class ChooserSettings:
-    """How a chooser is trained.
+    """Settings of training a chooser.
 
     epochs, batch, rate: of AdamW. projection: what a feasible problem costs that P1 admits but fix-p does not solve; a
     wrong answer of P1 costs 1. caution: how much more a feasible problem counts than an infeasible one.
@@ -131,7 +131,7 @@ def costs(
     projection: float = 0.5,
     progress: Progress | None = None,
 ) -> Array:
-    """What every box costs on every problem, shape (len(problems), K).
+    """Cost of every box on every problem, shape (len(problems), K).
 
     1 where P1's answer is wrong; ``projection`` where it admits a feasible problem and fix-p does not solve it; else 0.
     feasible: the labels, shape (len(problems),).

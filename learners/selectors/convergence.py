@@ -1,4 +1,4 @@
-"""How an evolutionary run went: its history and its checkpoint."""
+"""Record of an evolutionary run: its history and its checkpoint."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class Generation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticRun:
-    """Where a run is. population: to be tested next, or the last one in order of rank, shape (P, 2, N, 6)."""
+    """State of a run. population: to be tested next, or the last one in order of rank, shape (P, 2,
+    N, 6)."""
 
     population: Array
     history: Sequence[Generation]

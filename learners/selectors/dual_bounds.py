@@ -1,4 +1,5 @@
-"""What one solve of P1 proves for other boxes: checks of many witnesses and certificates over many boxes at once."""
+"""Proofs for other boxes from one solve of P1: checks of many witnesses and certificates over many
+boxes at once."""
 
 from __future__ import annotations
 
@@ -49,7 +50,8 @@ class DualBounds:
 
 
 def witnessed(point: Array, excess: Array, axes: Array, bounds: DualBounds, open_: Bools) -> Bools:
-    """Whether points settle P1 over boxes with BAND to spare, shape (K, W, P), False where not open, shape (K, P).
+    """Tell whether points settle P1 over boxes with BAND to spare, shape (K, W, P), False where not
+    open, shape (K, P).
 
     point, excess: of K × W witnesses (``DualBound``). axes: E9 is axes · m = 0, shape (K, 3, 9N). A point [p, f] in
     the box is one of P1 if some moments m = p f + e balance there under the envelope rows, which read
@@ -71,7 +73,8 @@ def witnessed(point: Array, excess: Array, axes: Array, bounds: DualBounds, open
 
 
 def balanced(axes: Array, excess: Array, bottom: Array, top: Array) -> Bools:
-    """Whether some e in [bottom, top] has the same axes · e as ``excess``; a False may be wrong. Shapes (T, 9N).
+    """Tell whether some e in [bottom, top] has the same axes · e as ``excess``; a False may be
+    wrong. Shapes (T, 9N).
 
     Scaled to |s| ≤ 1 about the middle, the smallest s is tried, then what is too large in it is held at ±1 and
     the rest solved again, ROUNDS times.
@@ -120,7 +123,7 @@ def least(rows: Array, slope: Array, constant: Array, bounds: DualBounds, low: A
 
 
 def ranges(problem: Scaled) -> tuple[Array, Array]:
-    """Where [p, f] can be in any answer, each of shape (N, 6).
+    """Bounds of [p, f] in any answer, each of shape (N, 6).
 
     That is, the patches as seen from the ball of the centre of mass, and the forces in their boxes and cones.
     """

@@ -1,4 +1,5 @@
-"""What P1 says of many problems over many boxes: by solving each, or with what earlier solves have proved.
+"""Verdicts of P1 on many problems over many boxes: by solving each, or with what earlier solves
+have proved.
 
 P1 over a box is settled without a solve by
 - a *witness*: a point of the problem that lies in the other box and under the other envelope, with room to spare;
@@ -38,7 +39,8 @@ CHUNK = 64
 
 @dataclass(frozen=True, kw_only=True)
 class VerdictCounts:
-    """How verdicts were found. unknown: of the solves, those that came to no end (and count as not admitted)."""
+    """Counts of the ways in which verdicts came about. unknown: of the solves, those that came to
+    no end (and count as not admitted)."""
 
     solved: int = 0
     witness: int = 0
@@ -66,11 +68,12 @@ class FeasibilityOracle(Protocol):
 
     @property
     def counts(self) -> VerdictCounts:
-        """How all verdicts so far were found."""
+        """Counts of the ways in which all verdicts so far came about."""
         ...
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
+        """Decide whether P1 admits the problems of these numbers, shape (len(boxes), len(which)).
+        """
         ...
 
 
@@ -82,7 +85,8 @@ class SolvingOracle:
         self.counts = VerdictCounts()
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
+        """Decide whether P1 admits the problems of these numbers, shape (len(boxes), len(which)).
+        """
         margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(len(boxes), -1)
         done = self.counts
         unknown = done.unknown + int(np.isnan(margins).sum())
@@ -122,14 +126,15 @@ class CachingOracle:
 
     @property
     def counts(self) -> VerdictCounts:
-        """How all verdicts so far were found."""
+        """Counts of the ways in which all verdicts so far came about."""
         return VerdictCounts(**self._tally)
 
     def __len__(self) -> int:
         return len(self._problems)
 
     def part(self, which: Index) -> CachingOracle:
-        """The same oracle for these problems alone, numbered anew, with what is known of them and no counts yet."""
+        """Oracle for these problems alone, numbered anew, with all that is known of them and no
+        counts yet."""
         part = copy.copy(self)
         part._problems = [self._problems[int(k)] for k in which]
         for name in _KNOWN:
@@ -151,7 +156,8 @@ class CachingOracle:
         vars(self).update(state, _programs=programs_of_this_thread())
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
+        """Decide whether P1 admits the problems of these numbers, shape (len(boxes), len(which)).
+        """
         found = np.zeros((len(which), len(boxes)), dtype=bool)
         bounds = DualBounds.of(boxes)
         for begin in range(0, len(which), CHUNK):
@@ -199,7 +205,7 @@ class CachingOracle:
                 self._settle("witness" if kind == WITNESS else "certificate", now, open_)
 
     def _apply(self, k: int, kind: int, slot: int, case: _Case, rest: Index) -> Bools:
-        """Which of these boxes one kept proof settles, shape (len(rest),)."""
+        """Boxes among these that one kept proof settles, shape (len(rest),)."""
         bounds, one = case.bounds.take(rest), (slice(k, k + 1), slice(slot, slot + 1))
         if kind == WITNESS:
             open_ = np.ones((1, len(rest)), dtype=bool)
@@ -239,7 +245,7 @@ class CachingOracle:
         open_ &= ~now
 
     def _overlap(self, which: Index, bounds: DualBounds) -> tuple[Array, Array]:
-        """Where [p, f] can be if the margin is at most BAND, shape (K, P, N, 6)."""
+        """Bounds of [p, f] if the margin is at most BAND, shape (K, P, N, 6)."""
         low, high = (side[which][:, None] for side in self._range)
         return np.maximum(low, bounds.low - BAND), np.minimum(high, bounds.high + BAND)
 
@@ -255,11 +261,12 @@ class SpreadOracle:
 
     @property
     def counts(self) -> VerdictCounts:
-        """How all verdicts so far were found."""
+        """Counts of the ways in which all verdicts so far came about."""
         return self._whole.counts
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Whether P1 admits the problems of these numbers, each of them once, shape (len(boxes), len(which))."""
+        """Decide whether P1 admits the problems of these numbers, each of them once, shape
+        (len(boxes), len(which))."""
         parts = np.array_split(which, max(min(self._run.workers, len(which)), 1))
         tasks = [partial(_asked, self._whole.part(part), boxes) for part in parts]
         verdicts = []
@@ -270,7 +277,7 @@ class SpreadOracle:
 
 
 def _asked(oracle: CachingOracle, boxes: Sequence[Envelope]) -> tuple[Bools, CachingOracle]:
-    """What an oracle says of all of its problems, and what it knows then."""
+    """Verdicts of an oracle on all of its problems, and the oracle with what it knows then."""
     return oracle.is_feasible(np.arange(len(oracle)), boxes), oracle
 
 

@@ -1,4 +1,4 @@
-"""Paper E's evolutionary approach (§III-2): envelopes bred for what P1 answers over them.
+"""Lin et al.'s evolutionary approach (§III-2): envelopes bred for what P1 answers over them.
 
 A chromosome is the pairs (low, high) of one envelope's bounds. Its fitness comes from a, the share of infeasible
 problems that P1 admits, and b, the share of feasible ones that it rejects, both over K problems that are drawn anew
@@ -32,7 +32,7 @@ from .dual_bounds import Index
 from .feasibility import CachingOracle, FeasibilityOracle, SpreadOracle, VerdictCounts
 
 DOMAIN = 1.0
-"""p and f lie in [−1, 1] by the choice of scales (paper E §II)."""
+"""p and f lie in [−1, 1] by the choice of scales (Lin et al. §II)."""
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 OnProgress = Callable[[Generation], None]
 
@@ -82,7 +82,8 @@ class GeneticSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticResult:
-    """What a run has found. a, b: of the envelope over all problems; counts: how all verdicts were found."""
+    """Result of a run. a, b: of the envelope over all problems; counts: how all verdicts were
+    found."""
 
     envelope: Envelope
     a: float
@@ -142,7 +143,7 @@ class Trials:
 
     @property
     def counts(self) -> VerdictCounts:
-        """How all verdicts so far were found."""
+        """Counts of the ways in which all verdicts so far came about."""
         return self._oracle.counts
 
 

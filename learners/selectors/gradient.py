@@ -24,7 +24,7 @@ from .quantile import quantile_box
 
 @dataclass(frozen=True, kw_only=True)
 class BoxDescent:
-    """How boxes are moved down the margin loss.
+    """Settings of moving boxes down the margin loss.
 
     steps: batches; batch: problems of each label a batch; rate: Adam's step on the bounds, falling to a tenth over the
     run; softness: margin at which a problem counts half as much as a wrong one far away (non-dimensional).

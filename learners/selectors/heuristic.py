@@ -1,4 +1,4 @@
-"""The expert's envelope of paper E §IV-A: workspace bounds and rule-of-thumb force bounds."""
+"""The expert's envelope of Lin et al. §IV-A: workspace bounds and rule-of-thumb force bounds."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from .network import as_arrays
 
 
 class Margin(torch.autograd.Function):
-    """What ``margins`` applies."""
+    """Margins that ``margins`` applies."""
 
     @staticmethod
     def forward(

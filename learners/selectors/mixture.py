@@ -18,12 +18,12 @@ from .boundary import largest_box
 from .quantile import quantile_box
 
 DOMAIN = 1.0
-"""p and f lie in [−1, 1] by the choice of scales (paper E §II)."""
+"""p and f lie in [−1, 1] by the choice of scales (Lin et al. §II)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MixtureFit:
-    """What one run of Algorithm E2 made.
+    """Result of one run of Algorithm E2.
 
     kept: share of S in each envelope. gaps: what was left of each Boundary_fit program's gap at its time limit.
     """

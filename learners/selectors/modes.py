@@ -1,4 +1,4 @@
-"""Envelopes for mode switching (paper E §IV-A, end): a box a terrain over [p, f], the forces in world axes."""
+"""Envelopes for mode switching (Lin et al. §IV-A, end): a box a terrain over [p, f], the forces in world axes."""
 
 from __future__ import annotations
 

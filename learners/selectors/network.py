@@ -283,7 +283,7 @@ def _nominal(scenes: SceneTensors) -> Tensor:
 
 
 def _tokens(scenes: SceneTensors) -> Tensor:
-    """What is known of each contact, shape (B, N, TOKEN)."""
+    """Numbers that describe each contact, shape (B, N, TOKEN)."""
     middle = scenes.vertices.mean(dim=2)
     spokes = scenes.vertices - middle[:, :, None]
     moments = torch.einsum("bnuj,bnuk->bnjk", spokes, spokes)

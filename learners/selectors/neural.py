@@ -181,7 +181,8 @@ def calibrated_room(
     least: float = -0.01,
     most: float = 0.1,
 ) -> float:
-    """How far every side moves out (in, where negative) so that P1 admits the target's share of these problems.
+    """Distance by which every side moves out (in, where negative) so that P1 admits the target's
+    share of these problems.
 
     P1 is monotone in the box, so each bisection step solves only the problems that are not settled yet. Returns the
     smallest room found to reach the target, or ``most``.
@@ -213,7 +214,8 @@ def roomiest(
     *,
     least: float,
 ) -> float:
-    """Of rooms from ``least`` on, in steps of STEP, the one with which P1 makes the fewest mistakes on these rows.
+    """Room, from ``least`` on in steps of STEP, with which P1 makes the fewest mistakes on these
+    rows.
 
     rows: feasible, infeasible. A feasible one that is lost counts ``settings.caution`` times. P1 is monotone in the
     box: what it admits once it admits with more room, too.

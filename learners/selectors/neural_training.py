@@ -35,7 +35,7 @@ CHECKPOINT = "stancekit/neural-checkpoint/1"
 
 @dataclass(frozen=True, kw_only=True)
 class NeuralSettings:
-    """How a neural selector is trained.
+    """Settings of training a neural selector.
 
     share: of the solutions that the boxes of the first stage leave out on each side. epochs: of the first stage, over
     the feasible rows; batch, rate: of AdamW. margin_epochs: of the second stage, over the scarcer label; 0 leaves it

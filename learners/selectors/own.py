@@ -27,7 +27,7 @@ SELECTORS: Registry[Any] = Registry(
 
 
 def is_own(name: str) -> bool:
-    """Whether a text names a selector from elsewhere, and no file of weights or envelopes."""
+    """Tell whether a text names a selector from elsewhere, and no file of weights or envelopes."""
     return ".py:" in name or name.endswith(".py") or (not Path(name).exists() and name in SELECTORS.names())
 
 
@@ -38,7 +38,8 @@ def own_selector(name: str) -> Learned:
 
 
 def fitted(found: Any, method: str, problem_class: str) -> Learned:
-    """What a method of fitting returned. Raises InvalidInput for what is neither envelopes nor a selector."""
+    """Selector that a method of fitting returned. Raises InvalidInput for what is neither envelopes
+    nor a selector."""
     if of_file(found) and callable(getattr(found, "predict", None)):
         found = OwnSelector(found, method, problem_class)
     return Learned.of(found, method, problem_class)

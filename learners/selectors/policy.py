@@ -34,7 +34,7 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyShape:
-    """What a policy is for and how large it is: all that is needed to build it again.
+    """Purpose and size of a policy: all that is needed to build it again.
 
     problem: name of the distribution. legs: those of its problems, where they are not the default hexapod's. hidden:
     widths of the layers. spread: initial standard deviation of a bound's move in units
@@ -57,7 +57,7 @@ class PolicyShape:
 
     @property
     def selects(self) -> bool:
-        """Whether the policy chooses envelopes; else it cuts boxes."""
+        """Tell whether the policy chooses envelopes; else it cuts boxes."""
         return self.environment == "stancekit/EnvelopeSelection-v0"
 
     @property
@@ -136,7 +136,7 @@ class DimensionScores(nn.Module):
         return torch.as_tensor(self.embed(self._seen(features)).mean(dim=1))
 
     def _seen(self, features: Tensor) -> Tensor:
-        """What is known of every dimension, and of the search, shape (B, 6N, 18)."""
+        """Features of every dimension, and of the search, shape (B, 6N, 18)."""
         part = {name: features[:, columns] for name, columns in self._columns.items()}
         low, high, gap = part["low"], part["high"], part["gap"]
         width = high - low

@@ -1,4 +1,5 @@
-"""What a selector is: scene in, envelopes out, with the same ``predict`` as a stable-baselines3 policy."""
+"""Interface of a selector: scene in, envelopes out, with the same ``predict`` as a
+stable-baselines3 policy."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ class Selector(Protocol):
 
 
 class FixedSelector(MemorylessPolicy):
-    """Answers every scene with the same envelopes: what the clustering and evolutionary methods of paper E learn."""
+    """Answers every scene with the same envelopes: what the clustering and evolutionary methods of Lin et al. learn."""
 
     def __init__(self, name: str, envelopes: EnvelopeSet) -> None:
         self.name = name
@@ -60,7 +61,7 @@ class Learned:
         relaxation: the P1 that they are for, a name of ``RELAXATIONS``.
         suffix: its file's usual one.
     Source:
-        Paper E §III-B.
+        Lin et al. §III-B.
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -84,7 +85,8 @@ class Learned:
 
     @classmethod
     def of(cls, found: Any, name: str, problem_class: str) -> Learned:
-        """What a method of fitting or a file gave: envelopes, or a selector with ``predict``.
+        """Selector from the result of a fit or from a file: envelopes, or a selector with
+        ``predict``.
 
         Its ``problem_class``, ``boxes`` (how many its action holds), ``relaxation`` and ``save(path)`` count
         where it has them; name: what messages call it. Raises InvalidInput for anything else.
@@ -109,7 +111,8 @@ class Learned:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """How it was learned, and from which rows (``Dataset.origin``); nothing where it does not say."""
+        """Provenance: the method, and the rows that it learned from (``Dataset.origin``); empty
+        where the selector does not say."""
         return dict(getattr(self.selector, "provenance", {}))
 
     @property
@@ -122,5 +125,5 @@ class Learned:
 
 
 def unsaved(path: str | Path, selector: Any) -> InvalidInput:
-    """What is said where a selector has no file."""
+    """Refusal for a selector that has no file."""
     return InvalidInput(f"{path}: expected a selector with save(path), got a {type(selector).__name__}")

@@ -31,7 +31,7 @@ class Figure(BaseModel):
 
 
 class Card(BaseModel):
-    """What is to be known of a selector that ships.
+    """Card of a selector that ships.
 
     method: of ``stancekit fit``; problem_class, legs: what it is for; sha256: of its file; seed: of training; train,
     calibration, test: rows. figures: shares of the test rows: ``p1_feasible`` and ``p1_infeasible``, that P1 answers

@@ -1,4 +1,4 @@
-"""The rule of paper E §IV-A for ``Traverse-v0``: walk on ground, climb between walls."""
+"""The rule of Lin et al. §IV-A for ``Traverse-v0``: walk on ground, climb between walls."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ from .fit_settings import FitSettings, Progress
 ENVELOPES = ("heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient")
 """The methods of this file."""
 PAPER_ROWS = 500
-"""Points of S and of S̄ that the printed Boundary_fit gets: as many as in paper E; its program grows with each."""
+"""Points of S and of S̄ that the printed Boundary_fit gets: as many as in Lin et al.; its program grows with each."""
 
 
 def fit(

@@ -1,4 +1,4 @@
-"""What a method of fitting is asked: a data set, and the settings that concern it."""
+"""Request to a method of fitting: a data set, and the settings that concern it."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class FitSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitRequest:
-    """What a method gets: it is called with this alone, and returns what it learned.
+    """Argument of a method of fitting: it is called with this alone, and returns what it learned.
 
     datasets: rows to learn from; all but "modes" want one, ``dataset``. progress: told steps done and in all, where a
     method takes its time. calibration: rows to calibrate on, never those of a test; a part of the data set where None.
@@ -145,5 +145,5 @@ class FitRequest:
 
 
 def missing(method: str, error: ImportError) -> InvalidInput:
-    """What is said where a method needs a package that is not there."""
+    """Refusal of a method that needs a package which is not installed."""
     return InvalidInput(f"method: {method!r} needs {error.name}, got none: pip install 'stancekit[rl]'")

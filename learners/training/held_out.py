@@ -1,4 +1,4 @@
-"""What a training run learns from, and how it is judged: labelled scenes, and episodes on those held out."""
+"""Scenes of a training run, and its evaluation: labelled scenes, and episodes on those held out."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CurvePoint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trained:
-    """What a run ended with."""
+    """Result of a run."""
 
     policy: TrainedPolicy | NeuralSelector
     curve: tuple[CurvePoint, ...]
@@ -48,7 +48,7 @@ class Trained:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingScenes:
-    """What a run learns from and is evaluated on.
+    """Scenes that a run learns from, and scenes on which it is evaluated.
 
     base: bounds, shape (12N,), empty where nothing is selected. rows: those that ``train`` are of, where
     they are a data set's.
@@ -61,7 +61,8 @@ class TrainingScenes:
 
     @property
     def origin(self) -> dict[str, str]:
-        """Of the rows learned from, see ``Dataset.origin``; nothing where they are no data set's."""
+        """Origin of the rows learned from, see ``Dataset.origin``; empty where they come from no
+        data set."""
         return {} if self.rows is None else self.rows.origin
 
     @classmethod

@@ -103,7 +103,7 @@ class PairedRun:
         return torch.cat([(low - self._room).flatten(1), (high + self._room).flatten(1)], dim=1)
 
     def _slope(self, mean: Array, chosen: np.ndarray, rng: np.random.Generator) -> Array:
-        """How the mean reward of each scene rises with its action, shape (B, 12N)."""
+        """Slope of the mean reward of each scene in its action, shape (B, 12N)."""
         settings = self._config.paired
         noise = rng.standard_normal((len(mean), settings.pairs, mean.shape[1]))
         found = np.zeros_like(mean)
@@ -116,7 +116,7 @@ class PairedRun:
         return found
 
     def _selector(self) -> NeuralSelector:
-        """What has been learned so far; its network is a copy."""
+        """Selector that has been learned so far; its network is a copy."""
         network, like = BoxNetwork(self._network.architecture), self._scenes.train[0].scaled
         network.load_state_dict(self._network.state_dict())
         return NeuralSelector(

@@ -1,4 +1,4 @@
-"""What a training run is asked for: a typed file whose keys are checked all at once."""
+"""Configuration of a training run: a typed file whose keys are checked all at once."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class PairedSettings:
 
     @property
     def steps(self) -> int:
-        """Of the environment, an update."""
+        """Number of steps of the environment per update."""
         return 2 * self.pairs * self.scenes
 
 
@@ -108,7 +108,7 @@ class TrainConfig:
 
     @cached_property
     def kind(self) -> SceneKind:
-        """What the scenes are of."""
+        """Class of the scenes."""
         if self.legs:
             return SceneKind(name=self.problem, legs=self.legs)
         drawn = distribution(self.problem, robot=self.robot, terrain=self.terrain)

@@ -1,1 +1,1 @@
-"""What planners answer: outcomes of posture problems, plans of courses, and their files."""
+"""Answers of planners: outcomes of posture problems, plans of courses, and their files."""

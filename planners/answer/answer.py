@@ -1,4 +1,5 @@
-"""What a planner answers, whatever it was asked: a status, a solution or a certificate, and the effort."""
+"""Answer of a planner to any kind of problem: a status, a solution or a certificate, and the
+effort."""
 
 from __future__ import annotations
 
@@ -59,7 +60,7 @@ class Status(enum.StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """What an answer has cost.
+    """Cost of an answer.
 
     Arguments:
         solves: convex problems solved; of a walk, nonlinear ones.
@@ -86,7 +87,7 @@ class Effort:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Answer(Generic[S]):
-    """What one planner says of one problem: of a posture, a course, a walk or a leap.
+    """Answer of one planner to one problem: of a posture, a course, a walk or a leap.
 
     Arguments:
         status: of the problem itself; of a robot with legs of its own, infeasible is proved over their outer sets.
@@ -107,7 +108,7 @@ class Answer(Generic[S]):
         message: why the problem is undecided, or what a proof is over.
         details: further numbers of the method, for example the margin of a relaxation.
     Source:
-        Paper E §II-§IV; docs/decisions/0004.
+        Lin et al. §II-§IV; docs/decisions/0004.
     Example:
         >>> import stancekit
         >>> answer = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
@@ -134,10 +135,12 @@ class Answer(Generic[S]):
         return f"Answer({self.status.value} by {self.method}{': ' if said else ''}{said})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        from .html import answer_html
+        """HTML that a notebook shows."""
+        from .html import status_html
 
-        return answer_html(self)
+        parts = [part for part in (self.solution, self.report) if part is not None]
+        said = status_html(self.status.value, self.method, self.message)
+        return said + "".join(part._repr_html_() for part in parts)
 
     @property
     def sets(self) -> Sets | None:

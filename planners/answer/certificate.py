@@ -48,7 +48,7 @@ class Certificate:
         problem: which has no answer: a posture problem, a course or a leap. None in a proof that was read without it;
             ``of`` puts that right.
     Source:
-        Lagrangian bounds of paper E's P, branched where one bound does not do: docs/decisions/0003.
+        Lagrangian bounds of Lin et al.'s P, branched where one bound does not do: docs/decisions/0003.
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("wall-3", rng=8)[0]
@@ -83,7 +83,8 @@ class Certificate:
         return "inner" if self.problem.robot.identity else None
 
     def of(self, problem: Problem | Leap) -> Certificate:
-        """The same tree and multipliers as a proof of this problem, right or wrong."""
+        """Certificate with the same tree and multipliers as a proof of this problem, right or
+        wrong."""
         found = copy(self)
         object.__setattr__(found, "problem", problem)
         return found

@@ -5,20 +5,12 @@ Pictures are text that is made here, so that a notebook needs no other package; 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..files.arrays import Array
-
-if TYPE_CHECKING:
-    from .answer import Answer
-    from .leap_plan import LeapPlan
-    from .plan import Plan
-    from .report import Report
-    from .trajectory import Trajectory
 
 WIDTH_PX, HEIGHT_PX, MARGIN_PX = 480, 300, 16
 MOST_ROWS = 60
@@ -30,48 +22,36 @@ LONGEST = 0.25
 """Of the arrow of the largest force, as a share of the picture."""
 
 
-def report_html(report: Report[Any]) -> str:
-    """The verdict, and a row per group."""
+def groups_html(message: str, groups: Iterable[tuple[str, str, str, str, str]]) -> str:
+    """A verdict, and a row per group: its name, its verdict, what was measured, where, and what is said of it."""
     rows = "".join(
-        f'<tr><td>{escape(group.name)}</td><td style="color:{COLOURS.get(group.verdict, "#777")}">{group.verdict}</td>'
-        f"<td>{group.value:.3g} of {group.limit:.3g} {escape(group.unit)}</td>"
-        f"<td>{escape(group.where)}</td><td>{escape(group.message)}</td></tr>"
-        for group in report.groups[:MOST_ROWS]
+        f'<tr><td>{escape(name)}</td><td style="color:{COLOURS.get(verdict, "#777")}">{verdict}</td>'
+        f"<td>{escape(measured)}</td><td>{escape(where)}</td><td>{escape(said)}</td></tr>"
+        for name, verdict, measured, where, said in groups
     )
-    return f"<p><b>{escape(report.message)}</b></p><table>{rows}</table>"
+    return f"<p><b>{escape(message)}</b></p><table>{rows}</table>"
 
 
-def answer_html(answer: Answer[Plan | LeapPlan | Trajectory]) -> str:
-    """Status, picture and report of an answer."""
-    shown = "" if answer.solution is None else answer.solution._repr_html_()
-    judged = "" if answer.report is None else report_html(answer.report)
-    said = f"<p><b>{answer.status.value}</b> by {escape(answer.method)}{escape(_after(answer.message))}</p>"
-    return said + shown + judged
+def status_html(status: str, method: str, message: str) -> str:
+    """The first line of an answer."""
+    return f"<p><b>{status}</b> by {escape(method)}{escape(f': {message}' if message else '')}</p>"
 
 
-def plan_html(plan: Plan | LeapPlan) -> str:
-    """The first stance of a plan over the patches that it takes, and the way of the body."""
-    problem = plan.problem
-    patches = [problem.patch(p, plan.choice).vertices_m for p in range(len(problem.footholds))]
-    holds = problem.holds[0]
-    first = [int(p) for p in holds if p >= 0]
-    forces = plan.forces_n[0][np.asarray(holds) >= 0]
-    return f"<p>{escape(repr(plan))}</p>" + _svg(patches, plan.toes_m[first], forces, plan.com_m)
+def stance_html(title: str, polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> str:
+    """A line, and a picture of a stance over what its feet stand on.
+
+    Arguments:
+        title: the line.
+        polygons: corners of patches, shape (C, 3) each [m].
+        toes, forces: of the limbs that stand, shape (N, 3) [m], [N].
+        way: of the body, from which the stance's legs begin, shape (K, 3) [m].
+    """
+    return f"<p>{escape(title)}</p>" + _svg(polygons, toes, forces, way)
 
 
-def walk_html(walk: Trajectory) -> str:
-    """Where the feet of a walk stand, what they carry at its middle, and the way of the torso."""
-    middle = len(walk.times_s) // 2
-    stands = walk.contact[middle]
-    toes, forces = walk.feet_m[middle][stands], walk.forces_n[middle][stands]
-    step = max(1, len(walk.times_s) // 100)
-    every = walk.feet_m[::step][walk.contact[::step]]
-    marks = [place + 0.01 * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]) for place in every]
-    return f"<p>{escape(repr(walk))}</p>" + _svg(marks, toes, forces, walk.torso_m[::step])
-
-
-def _after(message: str) -> str:
-    return f": {message}" if message else ""
+def mark(place: Array) -> Array:
+    """Corners of a small square about a point, shape (4, 3) [m]."""
+    return np.asarray(place + 0.01 * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]))
 
 
 def _svg(polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> str:
@@ -102,7 +82,8 @@ def _svg(polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> s
 
 
 def _seen(points: Array) -> tuple[Array, Array]:
-    """Where points are in the picture, shape (K, 2), and how far away, shape (K,)."""
+    """Places of points in the picture, shape (K, 2), and their distances from the eye, shape (K,).
+    """
     ca, sa, ce, se = np.cos(AZIMUTH_RAD), np.sin(AZIMUTH_RAD), np.cos(ELEVATION_RAD), np.sin(ELEVATION_RAD)
     x, y, z = points.T
     right, ahead = -sa * x + ca * y, ca * x + sa * y

@@ -69,10 +69,13 @@ class LeapPlan:
         return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        from .html import plan_html
+        """HTML that a notebook shows: the first stance over the patches that are taken, and the way of the body."""
+        from .html import stance_html
 
-        return plan_html(self)
+        problem, first = self.problem, self.problem.holds[0]
+        patches = [problem.patch(p, self.choice).vertices_m for p in range(len(problem.footholds))]
+        stands = first >= 0
+        return stance_html(repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m)
 
     @property
     def times_s(self) -> Array:

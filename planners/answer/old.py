@@ -14,7 +14,7 @@ class Posture(metaclass=OldName):
 
     @staticmethod
     def known(instance: object) -> bool:
-        """Whether it is the plan of a posture problem."""
+        """Tell whether the instance is the plan of a posture problem."""
         return isinstance(instance, Plan) and ("problem" not in vars(instance) or instance.problem.is_posture)
 
     @staticmethod

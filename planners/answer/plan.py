@@ -41,7 +41,7 @@ class Plan:
         modes: z, the envelope that mode switching chose for each frame, shape (M,); None without mode switching.
         provenance: how the plan was made, for people.
     Source:
-        Paper E §II and §IV-B, E11.
+        Lin et al. §II and §IV-B, E11.
     Example:
         >>> import numpy as np, stancekit
         >>> plan = stancekit.plan("walls", frames=3).solution
@@ -83,10 +83,13 @@ class Plan:
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        from .html import plan_html
+        """HTML that a notebook shows: the first stance over the patches that are taken, and the way of the body."""
+        from .html import stance_html
 
-        return plan_html(self)
+        problem, first = self.problem, self.problem.holds[0]
+        patches = [problem.patch(p, self.choice).vertices_m for p in range(len(problem.footholds))]
+        stands = first >= 0
+        return stance_html(repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m)
 
     @classmethod
     def of_posture(
@@ -120,7 +123,7 @@ class Plan:
         )
 
     def toes_at(self, frame: int) -> Array:
-        """Where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""
+        """Places where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""
         return np.asarray(self.toes_m[self.problem.holds[frame]])
 
     def forces_at(self, frame: int) -> Array:

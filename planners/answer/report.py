@@ -138,7 +138,7 @@ class Group:
 
     @property
     def share(self) -> float:
-        """How far the moment is from its key frame to the next."""
+        """Share of the way from its key frame to the next at which the moment is."""
         return 0.0 if self.when is None else self.when - math.floor(self.when)
 
     if not TYPE_CHECKING:  # or a checker would take any name for one that there is
@@ -193,10 +193,20 @@ class Report(Generic[S]):
         return f"Report({self.message})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        from .html import report_html
+        """HTML that a notebook shows."""
+        from .html import MOST_ROWS, groups_html
 
-        return report_html(self)
+        rows = (
+            (
+                group.name,
+                group.verdict,
+                f"{group.value:.3g} of {group.limit:.3g} {group.unit}",
+                group.where,
+                group.message,
+            )
+            for group in self.groups[:MOST_ROWS]
+        )
+        return groups_html(self.message, rows)
 
     @property
     def accepted(self) -> bool:
@@ -210,7 +220,7 @@ class Report(Generic[S]):
 
     @property
     def contacts(self) -> bool:
-        """Whether a plan's contacts are within the tolerance, whatever the joints can do."""
+        """Tell whether a plan's contacts are within the tolerance, whatever the joints can do."""
         return not self.defect and not any(group.verdict == "violated" for group in self._of_contacts)
 
     def group(self, name: str) -> Group:
@@ -241,7 +251,7 @@ class Report(Generic[S]):
 
     @property
     def late(self) -> bool:
-        """Whether some of them were left since the time had ended."""
+        """Tell whether some groups were left unchecked since the time had ended."""
         return any(group.verdict == "not checked" and group.message.startswith(LATE) for group in self.groups)
 
     @cached_property
@@ -363,7 +373,7 @@ class Report(Generic[S]):
         return f"rejected: {first.name}{where} {first.value:.3g}{unit}{when}, limit {first.limit:.3g}{unit}{also}"
 
     def _footing_line(self) -> str:
-        """How sure the feet of a walk stand."""
+        """Line on how sure the feet of a walk stand."""
         needs, has = self.figures.get("footing_friction"), cast("Trajectory", self.answer).friction
         if needs is None:
             return ""
@@ -376,7 +386,7 @@ class Report(Generic[S]):
 
     @property
     def _of_course(self) -> bool:
-        """Whether a plan of key frames was judged, and not a posture."""
+        """Tell whether a plan of key frames was judged, and not a posture."""
         return isinstance(self.answer, Plan) and not self.answer.problem.is_posture
 
     @property

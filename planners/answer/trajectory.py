@@ -59,7 +59,7 @@ class Trajectory:
     Raises:
         InvalidInput: for values that are no arrays of numbers.
     Source:
-        Paper W §III, W2-W7.
+        Pan et al. §III, W2-W7.
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
@@ -105,10 +105,14 @@ class Trajectory:
         return f"Trajectory({self.robot.name}{over}: {self.duration_s:.3g} s in {self.samples} samples)"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        from .html import walk_html
+        """HTML that a notebook shows: where feet stand, what they carry at the middle, and the way of the torso."""
+        from .html import mark, stance_html
 
-        return walk_html(self)
+        middle, step = self.samples // 2, max(1, self.samples // 100)
+        stands = self.contact[middle]
+        marks = [mark(place) for place in self.feet_m[::step][self.contact[::step]]]
+        toes, forces = self.feet_m[middle][stands], self.forces_n[middle][stands]
+        return stance_html(repr(self), marks, toes, forces, self.torso_m[::step])
 
     @property
     def samples(self) -> int:
@@ -126,7 +130,8 @@ class Trajectory:
         return float(self.times_s[-1] - self.times_s[0]) if self.samples else 0.0
 
     def header(self) -> dict[str, Any]:
-        """What is not an array of samples or of the terrain, as JSON-ready values."""
+        """Header of the file: all but the arrays of samples and of the terrain, as JSON-ready
+        values."""
         return {
             "robot": self.robot.to_json(),
             "terrain": self.terrain.name,
@@ -140,13 +145,13 @@ class Trajectory:
 
     @property
     def asked(self) -> dict[str, Any]:
-        """What the walk was asked for besides its two places, as JSON-ready values."""
+        """Requests of the walk besides its two places, as JSON-ready values."""
         turned = {} if self.heading_end_rad is None else {"heading_end_rad": self.heading_end_rad}
         return {"heading_rad": self.heading_rad, **turned, "still": list(self.still), "suction_n": self.suction_n}
 
     @property
     def _asks(self) -> bool:
-        """Whether anything is; a file from before there was such a thing asks nothing."""
+        """Tell whether the walk has such requests; False for files from before there were any."""
         numbers = (self.heading_rad, self.heading_end_rad, self.suction_n)
         return any(self.still) or any(number is not None for number in numbers)
 

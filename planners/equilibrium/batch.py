@@ -48,7 +48,7 @@ class ScaledBatch:
         return replace(self, vertices=self.vertices[chosen], frames=self.frames[chosen], friction=self.friction[chosen])
 
     def held(self, toes: Array) -> ScaledBatch:
-        """The same with patches of one point each; toes: shape (B, N, 3)."""
+        """Batch with patches of one point each; toes: shape (B, N, 3)."""
         return replace(self, vertices=np.broadcast_to(toes[:, :, None], self.vertices.shape))
 
     def problem(self, index: int) -> Scaled:
@@ -64,14 +64,15 @@ class ScaledBatch:
 
     @cached_property
     def near_corners(self) -> Array:
-        """Of every patch the corner that is nearest to its limb's shoulder, c and Θ nominal, shape (B, N, 3)."""
+        """Corner of every patch that is nearest to its limb's shoulder, c and Θ nominal, shape (B,
+        N, 3)."""
         away = self.vertices - (self.like.com[0] + self.like.shoulders)[:, None]
         nearest = np.vecdot(away, away).argmin(axis=2)
         return np.asarray(np.take_along_axis(self.vertices, nearest[:, :, None, None], axis=2)[:, :, 0])
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
-        """What is the same in every problem."""
+        """Numbers that are the same in every problem."""
         return {each.name: getattr(self.like, each.name) for each in fields(Scaled)} | {"numbers": self.like.numbers}
 
     @cached_property
@@ -121,7 +122,7 @@ class PointBatch:
 
     @classmethod
     def none(cls, contacts: int) -> PointBatch:
-        """Of no problem."""
+        """Empty batch."""
         nothing, each = np.zeros((0, 3)), np.zeros((0, contacts, 3))
         return cls(com=nothing, rotation=nothing, toes=each, forces=each)
 

@@ -1,4 +1,4 @@
-"""How Clarabel is set for programs of a posture's size."""
+"""Settings of Clarabel for programs of a posture's size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What a conic program answers: a status, a point and multipliers, by the names of variables and groups of rows."""
+"""Answer of a conic program: a status, a point and multipliers, by the names of variables and
+groups of rows."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from .layout import Index
 
 
 class ConicStatus(enum.Enum):
-    """What the conic solver ended with, after its statuses were mapped."""
+    """Final status of the conic solver, mapped from its own."""
 
     SOLVED = "solved"
     INFEASIBLE = "infeasible"
@@ -73,7 +74,7 @@ class ConicSolution:
 
     @property
     def solved(self) -> bool:
-        """Whether x is a point."""
+        """Tell whether x is a point."""
         return self.status is ConicStatus.SOLVED
 
     def value(self, name: str) -> Array:

@@ -1,4 +1,4 @@
-"""Paper E's equations in cvxpy, one each, for a plan of M frames; a posture is a plan of one. See ``reference``.
+"""Lin et al.'s equations in cvxpy, one each, for a plan of M frames; a posture is a plan of one. See ``reference``.
 
 The numbers of a problem are written right into the terms, which have the names, shapes and signs of the groups of rows
 in ``terms``. All quantities are non-dimensional (E3, E4; ``scaled``).

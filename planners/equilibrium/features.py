@@ -1,4 +1,5 @@
-"""What a policy sees of a posture problem: its non-dimensional numbers, clipped to a bounded room."""
+"""Features of a posture problem for a policy: its non-dimensional numbers, clipped to a bounded
+room."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ Values: TypeAlias = float | Of | Fill[D]
 
 
 class GatheredNumbers:
-    """Where the numbers that some values are made of are, laid end to end; the first one is 1.
+    """Places of the numbers that some values are made of, laid end to end; the first one is 1.
 
     data: any problem, for their shapes.
     """
@@ -61,7 +61,7 @@ class GatheredNumbers:
         return np.concatenate((1.0, *self._read(data)), axis=None)
 
     def places(self, values: Of) -> Index:
-        """Where these are."""
+        """Places of these values."""
         places = self._places[values.name]
         return np.asarray(places if values.index is None else places[values.index])
 

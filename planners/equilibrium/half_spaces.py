@@ -35,7 +35,7 @@ class HalfSpaces:
 
     @classmethod
     def of(cls, limbs: Sequence[Limb | Contact], length_m: float, tilt_rad: float) -> HalfSpaces:
-        """Those of some limbs."""
+        """Half spaces of some limbs."""
         parts = [
             (rows.normals, rows.bounds_m, np.tile([*limb.shoulder_m, limb.reach_m, *_centre(limb, rows)], (count, 1)))
             for limb, count in zip(limbs, cls.counts(limbs), strict=False)
@@ -64,7 +64,7 @@ class HalfSpaces:
 
     @staticmethod
     def counts(limbs: Sequence[Limb | Contact]) -> tuple[int, ...]:
-        """How many each limb has; () where none has any."""
+        """Number of half spaces per limb; () where none has any."""
         found = tuple(0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs)
         return found if any(found) else ()
 
@@ -116,7 +116,7 @@ class RelativeHalfSpaces:
 
     @classmethod
     def of(cls, robot: Robot, length_m: float) -> RelativeHalfSpaces:
-        """Those of a robot."""
+        """Half spaces of a robot."""
         rows = [each.rows for each in robot.relative_reach]
         if not rows:
             return cls.none()

@@ -27,7 +27,8 @@ LIFTED = -1
 
 @dataclass(frozen=True)
 class Layout:
-    """What decides the rows and columns of a program; programs of equal layouts differ in their numbers only.
+    """Shape that decides the rows and columns of a program; programs of equal layouts differ in
+    their numbers only.
 
     holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N); stances: (frame, limbs) of
     each; corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's
@@ -76,7 +77,8 @@ class Layout:
 
     @property
     def loaded(self) -> bool:
-        """Whether the body bears anything beside its weight: ``Scaled.wrench`` then has a row for every stance."""
+        """Tell whether the body bears anything beside its weight: ``Scaled.wrench`` then has a row
+        for every stance."""
         return self.wrench or self.pushes > 0
 
     @property
@@ -98,7 +100,7 @@ class Layout:
 
     @cached_arrays
     def contact_points(self) -> Index:
-        """Which point of its foot every stance contact is, shape (B,)."""
+        """Point of its foot that every stance contact is, shape (B,)."""
         limbs = [limb for _, limbs in self.stances for limb in limbs]
         if not self.points:
             return np.zeros(len(limbs), dtype=np.int_)

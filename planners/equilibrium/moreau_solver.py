@@ -40,7 +40,8 @@ class MoreauSolver(Generic[D]):
         self._compiled: dict[int, Any] = {}
 
     def solve_all(self, data: Sequence[D]) -> list[ConicSolution]:
-        """What ``Rows.solve`` says of each, within the solvers' tolerances; FAILED where there is no clear answer.
+        """Answers of ``Rows.solve`` to each, within the solvers' tolerances; FAILED where there is
+        no clear answer.
 
         ``seconds`` is an equal share of the batch's.
         """

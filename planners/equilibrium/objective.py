@@ -1,4 +1,4 @@
-"""The objective of a course as rows (paper E §II)."""
+"""The objective of a course as rows (Lin et al. §II)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .terms import BodyVariables, FreeToes, Given
 
 
 def objective(rows: Rows[Given], layout: Layout, body: BodyVariables, toes: FreeToes | None) -> None:
-    """Squared distance of the last COM to the goal and squared steps, in length scales squared (paper E §II); and of
+    """Squared distance of the last COM to the goal and squared steps, in length scales squared (Lin et al. §II); and of
     every COM to the nominal path, which no paper has: without it bodies sink as low as legs are long.
 
     toes: explicit; None where they are held, and their steps a constant.

@@ -70,7 +70,7 @@ class Programs:
 
 
 class _Thread(threading.local):
-    """What each thread has for itself."""
+    """Storage of one thread."""
 
     def __init__(self) -> None:
         self.programs = Programs()

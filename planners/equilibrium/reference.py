@@ -1,4 +1,4 @@
-"""Paper E's convex models in cvxpy: what to read, and what to change first.
+"""Lin et al.'s convex models in cvxpy: what to read, and what to change first.
 
 Each model is a short list of terms (``equations``) with a problem's numbers written into it. The programs that plan say
 the same as blocks of rows (``rows``, ``terms``), some hundred times as fast; a test holds them equal.
@@ -30,7 +30,7 @@ from .scaled import Point, Scaled
 
 
 def without_moments(scaled: Scaled, *, inner: bool = False) -> ConicModel:
-    """P̄: everything but m = p f (paper E §III); with m free, the moments' balance E9 says nothing.
+    """P̄: everything but m = p f (Lin et al. §III); with m free, the moments' balance E9 says nothing.
 
     scaled: the problem, with any number of candidates. inner: see ``_on_toes``. Returns a model without an objective:
     where it has no answer, neither has the problem.
@@ -126,7 +126,8 @@ def least_gap(scaled: Scaled, about: Point) -> ConicModel:
 
 
 def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool) -> ConicModel:
-    """Toes held, with hold_body c and Θ, too (fix-p, paper E §IV-A). Σ f is fixed, so that Σ p × f is linear in (c, f).
+    """Toes held, with hold_body c and Θ, too (fix-p, Lin et al. §IV-A). Σ f is fixed, so that Σ p ×
+    f is linear in (c, f).
 
     held: the point whose toes, and body, are kept; one candidate a foothold. least_moment: minimise the moments that
     are left; else they are zero and the objective is the course's.
@@ -141,7 +142,7 @@ def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool
 
 
 def fix_forces(scaled: Scaled, held: Point) -> ConicModel:
-    """Contact-frame forces held (fix-f, paper E §II): the least moment residual over toes, c and Θ.
+    """Contact-frame forces held (fix-f, Lin et al. §II): the least moment residual over toes, c and Θ.
 
     held: the point whose forces, shape (B, 3), are kept; their frames are those of the chosen candidates, so that the
     forces in the world are kept, too, and p × f is linear in p.
@@ -177,7 +178,8 @@ def positions(scaled: Scaled) -> ConicModel:
 
 
 def coupled(scaled: Scaled, axes: Axes) -> tuple[PlanVariables, Products, Terms]:
-    """What P1 and the mixed-integer program share: everything but what stands for m = p f, and the cost.
+    """Common part of P1 and the mixed-integer program: everything but what stands for m = p f, and
+    the cost.
 
     axes: of the forces that the products are taken of, those of contacts or of the world. Returns the variables of body
     and toes, those of p, f and m, and the constraints by name. Raises InvalidInput for soles.

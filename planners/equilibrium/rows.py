@@ -145,6 +145,8 @@ class Rows(Generic[D]):
         else:
             self._update(self._solver, data)
         answer = self._solver.solve()
+        if not self._keep:  # its factors are most of a long course's memory
+            self._solver = None
         said = answer.status
         if said not in STATUS:  # rare: ask again, with refined steps
             hessian, q, matrix, b = self.load(data)
@@ -176,7 +178,7 @@ class Rows(Generic[D]):
         return [self.solve(one) if said.status is again or doubtful(said) else said for one, said in found]
 
     def constant(self, data: D) -> float:
-        """What the objective has beside x."""
+        """Constant part of the objective."""
         return sum((float(np.sum(fill(data))) for fill in self._constants), start=0.0)
 
     def _update(self, solver: clarabel.DefaultSolver, data: D) -> None:

@@ -127,7 +127,8 @@ class Scaled:
 
     @cached_property
     def box_implied(self) -> bool:
-        """Whether cones and normal-force limits imply the rest of the force boxes, so that its rows can be left out.
+        """Tell whether cones and normal-force limits imply the rest of the force boxes, so that its
+        rows can be left out.
 
         Then f_n ≥ 0 comes from the cone and λ ≥ 0 from f_n ≤ λ f_max, too.
         """
@@ -150,7 +151,8 @@ class Scaled:
 
     @cached_property
     def bearing_vertices(self) -> Array:
-        """Where the force of a stance contact acts, its toe being at each vertex under it, shape (F, 3)."""
+        """Points at which the force of a stance contact acts, its toe being at each vertex under
+        it, shape (F, 3)."""
         contact, vertex = self.layout.contact_vertices
         if not self.layout.points:
             return np.asarray(self.vertices[vertex])
@@ -158,7 +160,8 @@ class Scaled:
         return np.asarray(self.vertices[vertex] + self.offsets[candidate, point])
 
     def bearing_points(self, toes: Array) -> Array:
-        """Where the force of every stance contact acts; one candidate a foothold; toes: (P, 3); shape (B, 3)."""
+        """Points at which the forces of the stance contacts act; one candidate a foothold; toes:
+        (P, 3); shape (B, 3)."""
         foothold = self.layout.contacts[2]
         if not self.layout.points:
             return np.asarray(toes[foothold])

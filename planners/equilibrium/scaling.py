@@ -117,7 +117,7 @@ def _wrench(course: Problem, layout: Layout) -> Array:
 
 
 def _offsets(each: Sequence[Array], length_m: float) -> tuple[tuple[int, ...], Array]:
-    """How many points each has, () where all have one, and ``Scaled.offsets``."""
+    """Number of points per contact, () where all have one, and ``Scaled.offsets``."""
     counts = tuple(len(offsets) for offsets in each)
     if max(counts, default=1) == 1:
         return (), np.zeros((0, 1, 3))

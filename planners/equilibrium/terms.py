@@ -1,4 +1,4 @@
-"""The terms of paper E as rows: each equation once, for one posture and for many key frames alike.
+"""The terms of Lin et al. as rows: each equation once, for one posture and for many key frames alike.
 
 A term adds its variables and rows to ``Rows``; a program is a short list of terms (``relaxation``, ``projection``). All
 quantities are non-dimensional. Programs are loaded with a ``Given``. The same terms in cvxpy: ``reference``.
@@ -22,7 +22,8 @@ from .scaled import Point, Scaled, skew
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What a program is loaded with: a problem, and the point that is held or linearised about, where there is one."""
+    """Data that a program is loaded with: a problem, and the point that is held or linearised
+    about, where there is one."""
 
     scaled: Scaled
     about: Point | None = None
@@ -45,7 +46,7 @@ class Given:
 
 
 class Toes(Protocol):
-    """Where the toes are: variables on their patches, or held."""
+    """Toes of a program: variables on their patches, or held."""
 
     def put(self, at: Index, footholds: Index, sign: float) -> None:
         """Add sign · p_w of these footholds to rows of A x − b; at: shape (n, 3)."""

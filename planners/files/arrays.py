@@ -44,7 +44,7 @@ def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Ar
 
 
 def locked(values: T) -> T:
-    """The same array, or tuple of arrays, which nobody can write to any more."""
+    """Make the array, or the arrays of the tuple, read-only and return it."""
     for each in values if isinstance(values, tuple) else (values,):
         if isinstance(each, np.ndarray):
             each.flags.writeable = False

@@ -1,4 +1,4 @@
-"""Where what was measured once is kept."""
+"""Cache folder for measurements."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ FOLDER = "STANCEKIT_CACHE"
 
 
 def cache_folder() -> Path:
-    """Where measured workspaces and thinned meshes are kept: $STANCEKIT_CACHE, or the user's folder for caches."""
+    """Folder of measured workspaces and thinned meshes: $STANCEKIT_CACHE, or the user's folder for
+    caches."""
     own, users = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME")
     return Path(own) if own else (Path(users) if users else Path.home() / ".cache") / "stancekit"

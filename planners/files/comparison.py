@@ -1,4 +1,4 @@
-"""Where two JSON-ready values differ."""
+"""Comparison of two JSON-ready values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""How refusals are phrased: what came, in few letters however large it is, and what pydantic refused in a file."""
+"""Phrases of refusals: what came, in few letters however large it is, and what pydantic refused in
+a file."""
 
 from __future__ import annotations
 
@@ -50,12 +51,14 @@ class _Shown(reprlib.Repr):
 
 
 def shown(value: Any, most: int = 60) -> str:
-    """What came, as Python writes it, cut after ``most`` letters; its cost does not grow with the value."""
+    """Text of a value, as Python writes it, cut after ``most`` letters; its cost does not grow with
+    the value."""
     return _Shown(most).repr(value)[:most]
 
 
 def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -> Value:
-    """What a file or a mapping holds as a pydantic model, or as a dataclass whose fields say what they may be.
+    """Read a file or a mapping as a pydantic model, or as a dataclass whose fields say what they
+    may be.
 
     where: the file, which the message begins with; key: what every key in it begins with. Raises InvalidInput with
     every key that is wrong.
@@ -106,7 +109,8 @@ def _reader(kind: Any) -> TypeAdapter[Any]:
 
 
 def neighbour(name: str, known: Iterable[str]) -> str:
-    """What follows "unknown key" in a refusal: the known one that is most like it, if one is."""
+    """Hint that follows "unknown key" in a refusal: the known one that is most like it, if one is.
+    """
     near = get_close_matches(name, sorted(known), n=1)
     return f", did you mean {near[0]!r}?" if near else ""
 
@@ -154,7 +158,8 @@ _SAID = re.compile(r"; (?=[a-z_]+[\w\[\].]*: expected)")
 
 
 def _placed(key: str, said: str) -> str:
-    """What is said of the value of a key, or of a key or an entry in it, or of a value by its name."""
+    """Sentence about the value of a key, or about a key or an entry in it, or about a value by its
+    name."""
     if not key or said.startswith(f"{key} "):  # as in "robot go1: ..."
         return said
     return f"{key}{': ' if said.startswith('expected') else '' if said.startswith('[') else '.'}{said}"
@@ -180,7 +185,8 @@ def _kinds(hint: Any) -> set[type]:
 
 
 def _hints(kind: Any) -> dict[str, Any]:
-    """What the fields of a class are; nothing where names are in them that only a type checker knows."""
+    """Types of the fields of a class; nothing where names are in them that only a type checker
+    knows."""
     names = kind.__dataclass_fields__ if is_dataclass(kind) else kind.model_fields
     try:
         return {name: hint for name, hint in get_type_hints(kind, include_extras=True).items() if name in names}

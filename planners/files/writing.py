@@ -124,7 +124,8 @@ def unwritable(path: str | Path, error: Exception) -> InvalidInput:
 
 
 def failure_of(name: str, said: str) -> OSError:
-    """What made another program, or a library in a process of its own, fail to write, by its last words."""
+    """Reason why another program, or a library in a process of its own, failed to write, by its
+    last words."""
     known = (number for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO) if os.strerror(number) in said)
     number = next(known, None)
     if number is not None:

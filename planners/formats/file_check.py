@@ -1,4 +1,4 @@
-"""What a second look at a file says, whatever the file says of itself."""
+"""Second look at a file, whatever the file says of itself."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..verify import Report
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileCheck:
-    """What a second look at a file of a plan, a proof, a leap or a walk says.
+    """Result of a second look at a file of a plan, a proof, a leap or a walk.
 
     Arguments:
         path: of the file.

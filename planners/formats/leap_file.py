@@ -74,7 +74,7 @@ def write_leap(
 
 
 def is_leap(data: Any) -> bool:
-    """Whether parsed contents say that they are a leap."""
+    """Tell whether parsed contents say that they are a leap."""
     if not isinstance(data, Mapping):
         return False
     drawn = "distribution" in data and set(data) <= {"distribution", "seed"}
@@ -82,7 +82,8 @@ def is_leap(data: Any) -> bool:
 
 
 def is_leap_file(path: str | Path) -> bool:
-    """Whether a JSON or YAML file that is there holds a leap, or a name is that of a drawn one."""
+    """Tell whether a JSON or YAML file that is there holds a leap, or a name is that of a drawn
+    one."""
     if _is_drawn(path):
         return True
     path = Path(path)
@@ -95,7 +96,7 @@ def is_leap_file(path: str | Path) -> bool:
 
 
 def _is_drawn(path: str | Path) -> bool:
-    """Whether a name, and no file, is CLASS or CLASS:SEED of a class of leaps."""
+    """Tell whether a name, and no file, is CLASS or CLASS:SEED of a class of leaps."""
     return str(path).partition(":")[0] in leap_classes() and not Path(path).exists()
 
 

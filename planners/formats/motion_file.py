@@ -87,7 +87,8 @@ def joint_trajectory(table: MotionTable) -> dict[str, Any]:
 
 
 def joint_trajectory_bytes(table: MotionTable, suffix: str) -> bytes:
-    """That as a file's content: YAML for ".yaml" and ".yml", else JSON."""
+    """Content of a file with the joint trajectory of a table: YAML for ".yaml" and ".yml", else
+    JSON."""
     message = joint_trajectory(table)
     if suffix not in (".yaml", ".yml"):
         return (json.dumps(message) + "\n").encode()
@@ -97,7 +98,8 @@ def joint_trajectory_bytes(table: MotionTable, suffix: str) -> bytes:
 
 
 def is_motion_file(path: str | Path) -> bool:
-    """Whether a file holds a motion as a table, by its name, and by its beginning where other files have such names."""
+    """Tell whether a file holds a motion as a table, by its name, and by its beginning where other
+    files have such names."""
     suffix = Path(path).suffix
     if suffix == ".csv":
         return True
@@ -116,7 +118,7 @@ def is_motion_file(path: str | Path) -> bool:
 
 
 def is_joint_trajectory(data: object) -> bool:
-    """Whether this is a JointTrajectory by its keys."""
+    """Tell whether the data is a JointTrajectory, by its keys."""
     return isinstance(data, Mapping) and {"joint_names", "points"} <= set(data)
 
 
@@ -141,7 +143,7 @@ def read_motion(path: str | Path) -> MotionTable:
 def _places(
     joints: Sequence[str], limbs: Sequence[str], keys: Collection[str]
 ) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """Where the number of each column is in the arrays of these keys, in the order of a file."""
+    """Places of the columns' numbers in the arrays of these keys, in the order of a file."""
     found: dict[str, tuple[str, tuple[int, ...]]] = {TIME: ("time_s", ())}
     found |= {name: (key, (k,)) for name, (key, k) in OF_BODY.items() if key in keys}
     for key, word in OF_JOINTS.items():

@@ -1,4 +1,4 @@
-"""What an interrupted plan of a long course keeps: the plan of its beginning, in NAME.partial.json."""
+"""Interrupted plan of a long course: the plan of its beginning, in NAME.partial.json."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.writing import remove_leftovers
 from ..problem import Problem
-from ..search.plan_window import course_window
+from ..search.plan_window import beginning, course_window
 from ..verify import check_plan
 from .plan_file import check_name, read_plan, write_plan
 
@@ -18,8 +18,9 @@ from .plan_file import check_name, read_plan, write_plan
 class PartialPlan:
     """The beginning of a course's plan, in a file that is written after every piece.
 
-    path: of the file, None keeps nothing. What stands there already is gone on from where it begins the same course,
-    and contacts in it hold; else it counts for nothing, and is written over.
+    path: of the file, None keeps nothing. A run goes on from what stands there already as far as it begins the same
+    course, and if the verifier accepts all of it anew, joints and bodies too; else it counts for nothing, and is
+    written over.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -31,11 +32,10 @@ class PartialPlan:
             return None
         with suppress(InvalidInput):
             plan, _ = read_plan(self._path)
-            last = plan.problem.frames - 1
-            if last < course.frames and plan.joints_rad is not None:
-                own = course_window(course, 0, last)
-                same = json.dumps(own.to_json()) == json.dumps(plan.problem.to_json())
-                return plan if same and check_plan(plan).accepted else None
+            last = 0 if plan.joints_rad is None else _shared(course, plan.problem)
+            if last > 0:
+                plan = plan if last == plan.problem.frames - 1 else beginning(plan, last)
+                return plan if check_plan(plan, joints=True).accepted else None
         return None
 
     def keep(self, plan: Plan) -> None:
@@ -49,3 +49,17 @@ class PartialPlan:
             with suppress(OSError):
                 self._path.unlink(missing_ok=True)
             remove_leftovers(self._path.parent, self._path.name.__eq__)
+
+
+def _shared(course: Problem, other: Problem) -> int:
+    """The last key frame up to which two courses are one; 0 where they begin otherwise."""
+
+    def same(last: int) -> bool:
+        one, two = (json.dumps(course_window(each, 0, last).to_json()) for each in (course, other))
+        return one == two
+
+    first, last = 0, min(course.frames, other.frames) - 1
+    while first < last:
+        middle = (first + last + 1) // 2
+        first, last = (middle, last) if same(middle) else (first, middle - 1)
+    return first

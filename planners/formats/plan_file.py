@@ -81,6 +81,7 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
         "course": plan.problem.to_json(),
         "arrays": {
             "npz": embedded({name: array for name, array in plan_arrays(plan).items() if array is not None}),
+            **_labels(plan.problem),
             **({} if plan.joints_rad is None else {"joints": list(joint_names(plan.problem.robot))}),
         },
     }
@@ -121,6 +122,9 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     _check_numbers(numbers_path, numbers, course)
     if "joints_rad" in numbers and header["arrays"].get("joints") != list(joint_names(course.robot)):
         raise InvalidInput(f"{header_path}: arrays.joints: expected the names of the robot's joints in its order")
+    for name, labels in _labels(course).items():  # files from before have none
+        if header["arrays"].get(name, labels) != labels:
+            raise InvalidInput(f"{header_path}: arrays.{name}: expected those of the course")
     plan = Plan(problem=written, provenance=header["provenance"], **numbers)
     verdict = header["verdict"]
     checked = verdict.get("checked", ["contacts"])
@@ -182,6 +186,20 @@ def is_plan_file(path: str | Path) -> bool:
     except InvalidInput:
         return False
     return isinstance(data, dict) and str(data.get("format", "")).startswith("stancekit/plan/")
+
+
+def _labels(course: Problem) -> dict[str, list[Any]]:
+    """Labels of the rows and columns of a plan's arrays, for whoever reads the file with NumPy alone.
+
+    limbs: columns of forces. toes: limb and key frame of every foothold. stances: key frame and limbs of every row of
+    forces.
+    """
+    names = course.robot.limb_names
+    return {
+        "limbs": list(names),
+        "toes": [{"limb": foothold.limb, "frame": foothold.frame} for foothold in course.footholds],
+        "stances": [{"frame": stance.frame, "limbs": [names[i] for i in stance.limbs]} for stance in course.stances],
+    }
 
 
 def _of_joints(course: Problem) -> Problem:

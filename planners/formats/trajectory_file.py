@@ -126,12 +126,13 @@ def _difference(robot: GaitRobot, expected: GaitRobot) -> str:
 
 
 def is_trajectory(data: Any) -> bool:
-    """Whether a parsed JSON document is the header of a trajectory."""
+    """Tell whether a parsed JSON document is the header of a trajectory."""
     return isinstance(data, dict) and data.get("format") in (FORMAT, OLDER, PAIRED)
 
 
 def copied(trajectory: Trajectory) -> Trajectory:
-    """The same, made anew of what would be written to a file. Raises InvalidInput where that is none."""
+    """Copy of a trajectory, made anew of the contents of its file. Raises InvalidInput where that
+    is none."""
     header = trajectory.header() | {"verified": False, "verdict": {}, "trajectory": "", "digest": "", "format": PAIRED}
     arrays = {name: np.array(array) for name, array in trajectory.arrays().items()}
     return _assemble(_Header.model_validate(header), arrays)

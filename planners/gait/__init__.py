@@ -1,1 +1,1 @@
-"""Gait optimisation over height fields (paper W §III, §IV-C, §IV-D; its root is TOWR)."""
+"""Gait optimisation over height fields (Pan et al. §III, §IV-C, §IV-D; its root is TOWR)."""

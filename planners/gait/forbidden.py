@@ -76,7 +76,7 @@ class GradientBoxes:
 
 
 def _reach_m(task: Walk) -> float:
-    """How far a foot may be from the torso, however that is turned [m]."""
+    """Largest distance of a foot from the torso, however that is turned [m]."""
     return max(
         float(np.linalg.norm(np.maximum(np.abs(foot.reach_min_m), np.abs(foot.reach_max_m))))
         for foot in task.robot.feet
@@ -84,7 +84,7 @@ def _reach_m(task: Walk) -> float:
 
 
 def _suits(directions: Array, normals: Array, friction: float) -> Array:
-    """Which directions w, shape (W, 3), have w·f ≥ 0 for all forces of all normals."""
+    """Tell which directions w, shape (W, 3), have w·f ≥ 0 for all forces of all normals."""
     least = np.full(len(directions), np.inf)
     for some in np.array_split(normals, max(1, len(normals) // 20000)):
         least = np.minimum(least, (directions @ some.T).min(axis=1))
@@ -92,18 +92,19 @@ def _suits(directions: Array, normals: Array, friction: float) -> Array:
 
 
 def _pull(task: Walk) -> float:
-    """What all feet that stick can pull with, in units of the weight."""
+    """Pull of all feet that stick, in units of the weight."""
     assert task.suction_n is not None
     return sum(task.adhesive) * task.suction_n / task.robot.weight_n
 
 
 def _suction(task: Walk) -> str:
-    """That, in words; empty where no foot sticks."""
+    """Pull of all feet that stick, in words; empty where no foot sticks."""
     return f" and suction of {_pull(task) * task.robot.weight_n:.0f} N" if any(task.adhesive) else ""
 
 
 def _tips_over(normals: Array, friction: float, pull: float) -> bool:
-    """Whether a direction below the horizon suits all normals, so far below that suction does not hold the weight."""
+    """Tell whether a direction below the horizon suits all normals, so far below that suction does
+    not hold the weight."""
     level = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
     angles = BELOW[np.sin(BELOW) > pull]
     below = [np.column_stack([np.cos(angle) * level, np.full(len(level), -np.sin(angle))]) for angle in angles]
@@ -111,7 +112,8 @@ def _tips_over(normals: Array, friction: float, pull: float) -> bool:
 
 
 def _too_far(task: Walk, boxes: GradientBoxes, settings: GaitSettings) -> str:
-    """Whether the net impulse of all the ground there is does not bring the body to the goal in time."""
+    """Reason why the net impulse of all the ground there is does not bring the body to the goal in
+    time."""
     ahead = task.goal_xy_m - task.start_xy_m
     away = float(np.linalg.norm(ahead))
     if away == 0.0:
@@ -148,7 +150,7 @@ def _least(towards: Array, normals: Array, friction: float) -> float:
 
 
 def _always_stands(task: Walk, settings: GaitSettings) -> bool:
-    """Whether some foot is on the ground at every moment, as the timing has it."""
+    """Tell whether some foot is on the ground at every moment, as the timing has it."""
     if task.timings != "fixed":
         return False
     feet = task.phases(settings.step_s)

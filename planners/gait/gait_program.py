@@ -33,12 +33,12 @@ class Costs:
 
     @property
     def smooth(self) -> bool:
-        """Whether more than the distance from the reference counts."""
+        """Tell whether more than the distance from the reference counts."""
         return self.acceleration > 0.0 or self.force_rate > 0.0
 
 
 class SolveOptions(TypedDict, total=False):
-    """What a solve may be asked for besides its guess, see ``GaitProgram.solve``."""
+    """Options of a solve besides its guess, see ``GaitProgram.solve``."""
 
     costs: Costs | None
     reference: Array | None
@@ -142,7 +142,7 @@ class GaitProgram:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitSolution:
-    """What one solve found.
+    """Result of one solve.
 
     success: a point of largest violation below the tolerance; x: that point, else the last one, shape (size,).
     iterations: of IPOPT until then. history: (violation, cost) at every iteration from the guess on. violations: by

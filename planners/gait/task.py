@@ -1,4 +1,4 @@
-"""How the gait optimiser is to be asked for a walk: the settings of a solve."""
+"""Request to the gait optimiser: the settings of a solve."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Dynamics = Literal["centred", "printed", "newton-euler"]
 
 @dataclass(frozen=True, kw_only=True)
 class GaitSettings:
-    """How a walk is written down and solved.
+    """Settings of how a walk is written down and solved.
 
     Arguments:
         chart: how variables become world quantities, a name of ``charts.CHARTS`` or ``FILE.py:NAME``.

@@ -92,14 +92,16 @@ def widened(numbers: LeapNumbers) -> tuple[Array, Array]:
 
 
 def proof_cut(numbers: LeapNumbers, row: Array) -> Cut:
-    """What multipliers prove of any leap, with all of the friction and reach with room for exact rotations."""
+    """Cut that multipliers prove of any leap, with all of the friction and reach with room for
+    exact rotations."""
     reach, rows = widened(numbers)
     scaled = numbers.scaled
     return _cut(numbers, row, scaled.friction, reach, rows, numbers.leap.limits.height_m, scaled.tilt)
 
 
 def plan_cut(numbers: LeapNumbers, row: Array, share: float) -> Cut:
-    """What multipliers prove of the steps of SCP, which have a share of the friction and keep some of the reach."""
+    """Cut that multipliers prove of the steps of SCP, which have a share of the friction and keep
+    some of the reach."""
     scaled = numbers.scaled
     friction, bounds = np.maximum(share * scaled.friction, LEAST_FRICTION), scaled.half_spaces.outer_bounds
     height, tilt = numbers.leap.limits.height_m + HEIGHT_RESERVE_M, scaled.tilt - TILT_RESERVE_RAD

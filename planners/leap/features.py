@@ -29,7 +29,7 @@ OF_LEAP = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeapFeatures:
-    """What is seen of a leap with one timing before any choice is tried.
+    """Features of a leap with one timing before any choice is tried.
 
     candidates: shape (P, R, F), by foothold and candidate, the F of ``OF_CANDIDATE``, 0 where there is no candidate;
     mask: where there is one, shape (P, R); leap: shape (G,), the G of ``OF_LEAP``.
@@ -75,7 +75,7 @@ class LeapFeatures:
         )  # fmt: skip
 
     def padded(self, options: int) -> LeapFeatures:
-        """The same with room for more candidates per foothold, which are masked."""
+        """Features with room for more candidates per foothold, which are masked."""
         more = [(0, 0), (0, options - self.mask.shape[1])]
         return LeapFeatures(
             candidates=np.pad(self.candidates, [*more, (0, 0)]), mask=np.pad(self.mask, more), leap=self.leap

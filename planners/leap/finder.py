@@ -32,7 +32,7 @@ DECIDED = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class LeapFinder:
-    """How choices of contacts are made and tried.
+    """Finder of contact choices, and the order in which it tries them.
 
     Arguments:
         order: "finder", the rule with both kinds of cuts; "farkas", with the cuts that prove alone; "rule", its best
@@ -125,7 +125,7 @@ def find_leap(
 
 
 class _Timing:
-    """What is known of one timing: its numbers, scores, cuts, and multipliers."""
+    """Knowledge about one timing: its numbers, scores, cuts, and multipliers."""
 
     def __init__(self, leap: Leap, timing: int, method: LeapFinder) -> None:
         self.numbers = LeapNumbers.of(leap, timing)
@@ -149,11 +149,11 @@ class LeapSearch:
 
     @property
     def _own(self) -> int:
-        """How many tries the present order has made."""
+        """Number of tries that the present order has made."""
         return self.tries - self._before
 
     def effort(self, seconds: float) -> Effort:
-        """What the search has cost so far, in so much time [s]."""
+        """Cost of the search so far, in this much time [s]."""
         return Effort(solves=self.solves, tries=self.tries, seconds=seconds)
 
     def attempts(self, order: Order | None = None) -> Iterator[LeapAttempt]:

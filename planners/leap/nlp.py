@@ -31,7 +31,8 @@ SOLVED = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NlpPoint:
-    """Where IPOPT ended. violation: the largest of any row, scaled; toes_m: (P, 3) [m]; forces_n: (M, N, 3) [N]."""
+    """Point at which IPOPT ended. violation: the largest of any row, scaled; toes_m: (P, 3) [m];
+    forces_n: (M, N, 3) [N]."""
 
     violation: float
     toes_m: Array
@@ -39,7 +40,7 @@ class NlpPoint:
 
     @property
     def solved(self) -> bool:
-        """Whether all rows hold."""
+        """Tell whether all rows hold."""
         return self.violation <= SOLVED
 
 
@@ -89,7 +90,8 @@ class LeapNlp:
         self._low, self._high = low, high
 
     def solve(self, leap: Leap, choice: Index, start: tuple[Array, Array, Array]) -> NlpPoint:
-        """Where IPOPT ends. start: toes (P, 3), forces per contact (B, 3) and states (M + 1, 12) to begin at."""
+        """Solve by IPOPT and return the point where it ends. start: toes (P, 3), forces per contact
+        (B, 3) and states (M + 1, 12) to begin at."""
         x0 = np.concatenate([part.ravel() for part in start])
         p = np.concatenate([self._numbers(leap, choice).ravel(), leap.start.com_m, leap.goal.com_m])
         found = self._solver(x0=x0, p=p, lbg=self._low, ubg=self._high)["x"]

@@ -88,7 +88,7 @@ class LeapNumbers:
 
     @property
     def layout(self) -> Layout:
-        """Of every candidate."""
+        """Layout of every candidate."""
         return self.scaled.layout
 
     @property
@@ -98,7 +98,7 @@ class LeapNumbers:
 
     @cached_property
     def times(self) -> Array:
-        """Of the frames, shape (2M + 1,) [s]."""
+        """Times of the frames, shape (2M + 1,) [s]."""
         ends = np.concatenate([[0.0], np.cumsum(self.lasts)])
         times = np.zeros(2 * self.intervals + 1)
         times[::2], times[1::2] = ends, 0.5 * (ends[1:] + ends[:-1])
@@ -162,7 +162,7 @@ class LeapNumbers:
 
     @cached_property
     def fallen(self) -> Array:
-        """What c at every frame has of g F of every interval, shape (2M + 1, M) [s²]."""
+        """Share that c at every frame has of g F of every interval, shape (2M + 1, M) [s²]."""
         return self._weights(self.times)
 
     def ballistic(self, total: Array) -> tuple[Array, Array]:
@@ -193,7 +193,8 @@ class LeapNumbers:
 
 @dataclass(frozen=True, eq=False)
 class LeapGiven(Given):
-    """What a leap's program is loaded with: the chosen problem in ``scaled``, its leap and where it is linearised.
+    """Data that a leap's program is loaded with: the chosen problem in ``scaled``, its leap and
+    where it is linearised.
 
     reserve_m: kept of heights and lengths; toe_radius: how far toes may be from those of the point [m].
     """
@@ -237,7 +238,8 @@ class LeapGiven(Given):
 
     @cached_property
     def powers(self) -> tuple[Array, Array, Array, Array]:
-        """f̂ in the world, J⁻ᵀ(h × f̂), Rᵀ v̂ in contact frames, and f̂·v̂, at both ends of every contact's interval."""
+        """f̂ in the world, J⁻ᵀ(h × f̂), Rᵀ v̂ in contact frames, and f̂·v̂, at both ends of every
+        contact's interval."""
         limb = self.scaled.layout.contacts[1]
         forces = np.concatenate([self.point.forces] * 2)
         hips = self.numbers.hips[np.concatenate([limb, limb])]

@@ -75,7 +75,7 @@ class Picker:
         return None
 
     def allowed(self, choice: Index) -> bool:
-        """Whether a choice is untried and no cut refutes it."""
+        """Tell whether a choice is untried and no cut refutes it."""
         return tuple(choice.tolist()) not in self.tried and all(cut.value(choice) <= MARGIN for cut in self.cuts)
 
     def _of(self, table: Array) -> list[Array]:

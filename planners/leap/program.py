@@ -98,7 +98,7 @@ class LeapLift:
 
 
 def slack_cost(solution: ConicSolution) -> float:
-    """What the slack of an answer costs."""
+    """Cost of an answer's slack."""
     from .terms import PRICES
 
     total = 0.0

@@ -23,7 +23,8 @@ LEAF, CHOICE, TIMING = 0.0, 1.0, 4.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProofSearch:
-    """What a search for a proof ended with: rows of the tree and of multipliers, None without a proof; solves."""
+    """Result of a search for a proof: rows of the tree and of multipliers, None without a proof;
+    solves."""
 
     tree: list[tuple[float, ...]] | None
     rows: list[Array]

@@ -1,4 +1,4 @@
-"""What is left of a leap that is under way, from a measured state."""
+"""Remainder of a leap that is under way, from a measured state."""
 
 from __future__ import annotations
 

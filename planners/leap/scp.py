@@ -52,12 +52,13 @@ class LeapAttempt:
 
     @property
     def solved(self) -> bool:
-        """Whether all rows hold."""
+        """Tell whether all rows hold."""
         return self.point is not None and self.cost <= HOLDS
 
     @cached_property
     def refuted(self) -> bool:
-        """Whether the first step's hard rows have no answer, so that its multipliers are a Farkas ray."""
+        """Tell whether the first step's hard rows have no answer, so that its multipliers are a
+        Farkas ray."""
         return self.solution.status is ConicStatus.INFEASIBLE
 
 
@@ -119,7 +120,7 @@ def _near(given: LeapGiven, point: LeapPoint, radius: float) -> LeapGiven:
 
 
 def cost_of(given: LeapGiven, point: LeapPoint) -> float:
-    """What is left of the bilinear rows at a point, at the price of slack."""
+    """Violation of the bilinear rows at a point, at the price of slack."""
     at = replace(given, at=point)
     numbers = given.numbers
     change, turn = numbers.turned(point)

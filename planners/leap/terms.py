@@ -158,7 +158,8 @@ class Turning:
 
 
 class Legs:
-    """What limits legs: height of the body, and speed, power and length about a point, which cost where they fail."""
+    """Limits of legs: height of the body, and speed, power and length about a point, which cost
+    where they fail."""
 
     def __init__(
         self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, dynamics: Dynamics, toes: FreeToes

@@ -54,16 +54,16 @@ class GaitMotion:
 
     @property
     def goal_m(self) -> Array:
-        """Where the torso ends, shape (3,) [m]."""
+        """Goal of the torso, shape (3,) [m]."""
         return np.asarray(self.trajectory.torso_m[-1])
 
     def entry(self) -> dict[str, Any]:
-        """Where it goes, for a log."""
+        """Start and goal, for a log."""
         return {"start_m": self.trajectory.torso_m[0], "goal_m": self.trajectory.torso_m[-1]}
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self.trajectory.duration_s + 2.0 * SETTLE_S
 
     @property
@@ -109,7 +109,8 @@ class GaitMotion:
 
 
 def footholds(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Which stance every foot is in, counted over all feet, −1 in the air; contact and result: shape (K, E)."""
+    """Number of the stance that every foot is in, counted over all feet, −1 in the air; contact and
+    result: shape (K, E)."""
     begins = contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=np.bool_), contact[:-1]])
     count = np.cumsum(begins, axis=0)
     before = np.concatenate([[0], np.cumsum(count[-1])[:-1]])

@@ -7,12 +7,14 @@ centimetre from where the plan draws it, and the joints are those that bring it 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..answer.plan import Plan
 from ..cached import cached_property
+from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import descend
 from ..robot.kinematics import Kinematics
@@ -58,18 +60,20 @@ class JointPath:
         self.corners = dict[tuple[int, int], Array]()
         """Angles at both corners of a swing, shape (2, n), by key frame that it ends at and limb."""
 
-    def judged(self, turn_rad: float = TURN_RAD) -> tuple[PathMoments, PathPostures]:
+    def judged(self, turn_rad: float = TURN_RAD, *, deadline: float = math.inf) -> tuple[PathMoments, PathPostures]:
         """Moments so near to each other, nearer where joints turn by more than ``turn_rad`` in between, and the
         postures there.
 
-        Raises InvalidInput for a path of which there are too many.
+        Raises InvalidInput for a path of which there are too many, and TimeEnded after the deadline
+        (``time.perf_counter()``).
         """
         counts = self.path.counts(self._apart_m)
         moments = self.path.divided(counts)
         postures = self._postures(moments)
         if postures.error_m.max() > STRAY_M:
-            self._turn(moments, postures)
+            self._turn(moments, postures, deadline)
             postures = self._postures(moments)
+        check_time(deadline)
         turned = np.abs(np.diff(postures.angles, axis=0, prepend=postures.angles[:1])).max(axis=1)
         finer = np.ceil(np.maximum.reduceat(turned, np.cumsum(counts) - counts) / turn_rad)
         if finer.max() > 1.0:
@@ -84,17 +88,18 @@ class JointPath:
 
     @cached_property
     def _turned(self) -> bool:
-        """Whether corners are known."""
+        """Tell whether corners are known."""
         self.judged()
         return True
 
-    def _turn(self, moments: PathMoments, postures: PathPostures) -> None:
+    def _turn(self, moments: PathMoments, postures: PathPostures, deadline: float) -> None:
         """Find postures for the corners of swings that limbs do not follow."""
         steps, missed = moments.step, postures.error_m > STRAY_M
         for t, limb in np.argwhere(missed & (moments.foothold < 0)).tolist():
             step = int(steps[t])
             if (step, limb) in self.corners or moments.part[t] < 0:
                 continue
+            check_time(deadline)
             ends = np.flatnonzero((steps == step) & np.isin(moments.part, (0, 1)) & (moments.passed == 1.0))
             self.corners[step, limb] = np.array([self._comfortable(moments, postures, int(end), limb) for end in ends])
 
@@ -108,7 +113,7 @@ class JointPath:
         return np.asarray(found.angles[self._kinematics.joints_of(limb)])
 
     def _drawn(self, moments: PathMoments) -> Array:
-        """What the joints are drawn to, shape (T, J)."""
+        """Posture that the joints are drawn to, shape (T, J)."""
         key = self.path.plan.joints_rad
         assert key is not None
         angles = key[moments.before] + moments.share[:, None] * (key[moments.after] - key[moments.before])
@@ -134,7 +139,7 @@ class JointPath:
 
 
 def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) -> WholeBody:
-    """The same as ``Bodies`` takes them."""
+    """Postures as ``Bodies`` takes them."""
     normals = path.normals[moments.surface]
     return WholeBody(
         rotation=postures.rotations, origin_m=postures.origins_m, angles=postures.angles,
@@ -163,7 +168,8 @@ def _reached(kinematics: Kinematics, feet: Array, drawn: Array) -> tuple[Array, 
 
 
 def _rolled(kinematics: Kinematics, moments: PathMoments, rotations: Array, angles: Array, normals: Array) -> Array:
-    """How far feet have rolled since they were put down, shape (T, N, 3) [m]; lifted, they go back to their path.
+    """Distance that feet have rolled since they were put down, shape (T, N, 3) [m]; lifted, they go
+    back to their path.
 
     A sphere that rolls by a small turn ω moves by ω × r n.
     """

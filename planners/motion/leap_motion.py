@@ -31,7 +31,7 @@ class LeapMotion:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return float(self.plan.times_s[-1])
 
     @property
@@ -77,7 +77,7 @@ class LeapMotion:
         return np.asarray(rotation), np.asarray(rate)
 
     def _toes(self, k: NDArray[np.int_], when: Array, com: Array, rotation: Array) -> Array:
-        """Where all toes are, shape (…, N, 3) [m]."""
+        """Places of all toes, shape (…, N, 3) [m]."""
         left, lands = self._flights
         ends = self.plan.times_s
         begin, end = ends[left[k]], ends[lands[k]]

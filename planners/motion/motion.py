@@ -56,7 +56,7 @@ class Samples:
 
     @property
     def angular_velocity_rad_s(self) -> Array:
-        """Of the body, in the world frame, shape (T, 3)."""
+        """Angular velocity of the body, in the world frame, shape (T, 3)."""
         return angular_velocity(self.rotation_rad, self.rotation_rate_rad_s)
 
     @property
@@ -66,12 +66,13 @@ class Samples:
 
     @cached_arrays
     def stands(self) -> NDArray[np.bool_]:
-        """Whether each limb has a foothold, shape (T, N)."""
+        """Tell whether each limb has a foothold, shape (T, N)."""
         return np.asarray(self.foothold >= 0)
 
     @cached_arrays
     def steep(self) -> NDArray[np.bool_]:
-        """Whether the slope exceeds atan μ, so that friction alone holds no weight, shape (T, N)."""
+        """Tell whether the slope exceeds atan μ, so that friction alone holds no weight, shape (T,
+        N)."""
         return np.asarray(self.normals[..., 2] * np.hypot(1.0, self.friction) < 1.0)
 
     @cached_arrays
@@ -119,11 +120,11 @@ class Samples:
 
 
 class Motion(Protocol):
-    """What a film shows, a tracker follows and an export writes."""
+    """Motion that a film shows, a tracker follows and an export writes."""
 
     @property
     def solids(self) -> tuple[Solid, ...]:
-        """What limbs keep off."""
+        """Solids that limbs keep off."""
         ...
 
     @property

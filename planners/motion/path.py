@@ -1,4 +1,4 @@
-"""Where body and feet go from one key frame to the next, whatever the time that it takes.
+"""Path of body and feet from one key frame to the next, whatever the time that it takes.
 
 The limbs of a frame lift along their surface's normal, go across while the body moves on a straight line from one key
 frame to the next, and come down along the normal of the surface that they come to. The others stay.
@@ -76,7 +76,8 @@ class PathMoments:
 
     @property
     def lifted(self) -> Array:
-        """How much of their lift feet have behind them, 0 where they stand and 1 later on, shape (T, N)."""
+        """Share of their lift that feet have behind them, 0 where they stand and 1 later on, shape
+        (T, N)."""
         return np.where(self.foothold >= 0, 0.0, np.where(self.part > 0, 1.0, self.passed)[:, None])
 
     @property
@@ -123,7 +124,8 @@ class PlanPath:
 
     @cached_property
     def steps(self) -> tuple[tuple[Segment, ...], ...]:
-        """Of every key frame but the first: lift, across and down; across alone where no limb moves."""
+        """Segments of the steps to every key frame but the first: lift, across and down; across
+        alone where no limb moves."""
         return tuple(self._step(k) for k in range(1, self.plan.problem.frames))
 
     def support(self, frame: int) -> tuple[int, ...]:
@@ -153,7 +155,8 @@ class PlanPath:
         return lift, across, Segment(frames=(k, k), foothold=foothold, surface=comes, feet_m=corners[2:], part=2)
 
     def swing(self, foothold: int, shares: Array) -> Array:
-        """Where a toe is at shares of its way to a foothold, shape (K, 3) [m]: up, across and down."""
+        """Place of a toe at shares of its way to a foothold, shape (K, 3) [m]: up, across and down.
+        """
         put = self.plan.problem.footholds[foothold]
         step, limb = self.steps[put.frame - 1], self._names.index(put.limb)
         ends = [(segment.feet_m[:, limb], self.normals[segment.surface[limb]]) for segment in step]
@@ -171,7 +174,8 @@ class PlanPath:
         return self.divided(self.counts(apart_m))
 
     def counts(self, apart_m: float = APART_M) -> NDArray[np.int_]:
-        """How many moments of every segment that are, the one before it left out. Raises InvalidInput as above."""
+        """Number of moments of every segment at this spacing, the one before it left out. Raises
+        InvalidInput as above."""
         lengths = np.array([self._length(segment) for segment in self._segments()])
         if not lengths.sum() <= MOST * apart_m:
             raise InvalidInput(f"path: expected at most {MOST * apart_m:g} m of it, got {lengths.sum():.3g} m")
@@ -210,6 +214,6 @@ class PlanPath:
             yield self.standing(step[-1].frames[1])
 
     def _length(self, segment: Segment) -> float:
-        """How far the foot, or the body's origin, goes that goes farthest [m]."""
+        """Length of the way of the foot, or of the body's origin, that goes farthest [m]."""
         first, last = segment.frames
         return max(segment.length_m, float(np.linalg.norm(self.plan.com_m[last] - self.plan.com_m[first])))

@@ -42,5 +42,5 @@ def plan_angles(
 
 
 def normals_at(plan: Plan, frame: int) -> Array:
-    """Of the patches under all limbs at a key frame, shape (N, 3)."""
+    """Normals of the patches under all limbs at a key frame, shape (N, 3)."""
     return np.array([plan.problem.patch(int(p), plan.choice).normal for p in plan.problem.holds[frame]])

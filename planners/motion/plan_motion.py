@@ -27,7 +27,7 @@ KNOTS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """How long the phases last, and how far feet stay away from surfaces.
+    """Durations of the phases, and distances of feet from surfaces.
 
     settle_s: at rest before and after. transfer_s: load from one stance to the next. lift_s, place_s: along the
     patch's normal. foot_m_s, body_m_s, body_rad_s: greatest mean speeds of a swing, which lasts swing_s or longer.
@@ -48,7 +48,7 @@ class Timing:
         check_numbers(self, "timing.", above=self.__annotations__)
 
     def at_pace(self, pace: float) -> Timing:
-        """The same, faster by this factor."""
+        """Timing that is faster by this factor."""
         faster = {item.name: getattr(self, item.name) for item in fields(self)}
         for name in faster:
             if name.endswith("_s"):
@@ -102,7 +102,7 @@ class PlanMotion:
 
     @property
     def stances(self) -> Sequence[str]:
-        """Of every foothold."""
+        """Name of every foothold."""
         return [f"{each.limb}, put down at frame {each.frame}," for each in self.plan.problem.footholds]
 
     def entry(self) -> dict[str, Any]:
@@ -132,12 +132,12 @@ class PlanMotion:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return float(self._ends[-1])
 
     @property
     def rest_s(self) -> float:
-        """How long it is at rest before anything moves, load among it [s]."""
+        """Time at rest before anything moves, load among it [s]."""
         return self.phases[0].seconds
 
     def at(self, times_s: float | Array) -> Samples:
@@ -183,13 +183,13 @@ class PlanMotion:
         )
 
     def moments(self, times_s: Array) -> PathMoments:
-        """Where body and feet are at times, whatever the forces."""
+        """Moments of body and feet at times, whatever the forces."""
         phases, s, _ = self._passed(times_s)
         return self.path.at([(self.phases[phase].segment, s[k : k + 1]) for k, phase in enumerate(phases.tolist())])
 
     @property
     def knots_s(self) -> Array:
-        """The same number of times in every phase, and the end, shape (T,) [s]."""
+        """Times, the same number in every phase, and the end, shape (T,) [s]."""
         starts = self._ends - [phase.seconds for phase in self.phases]
         parts = np.arange(KNOTS) / KNOTS
         times = [start + parts * phase.seconds for start, phase in zip(starts, self.phases, strict=True)]
@@ -212,7 +212,7 @@ class PlanMotion:
         return np.array([0.0, *steps])
 
     def _passed(self, times_s: float | Array) -> tuple[NDArray[np.int_], Array, Array]:
-        """Which phase it is at times, how much of its path is passed, and the rate of that [1/s]."""
+        """Phase at each time, the share of its path that is passed, and the rate of that [1/s]."""
         when = np.asarray(times_s, dtype=np.float64)
         phase = np.minimum(self._ends.searchsorted(when, side="left"), len(self._ends) - 1)
         seconds = self._seconds[phase]
@@ -229,7 +229,7 @@ class PlanMotion:
 
     @cached_property
     def _tables(self) -> dict[str, Array]:
-        """What every phase begins with and adds, by name, a row per phase."""
+        """Tables of what every phase begins with and adds, by name, one row per phase."""
         plan = self.plan
         frames = np.array([phase.segment.frames for phase in self.phases])
         feet = np.array([phase.segment.feet_m for phase in self.phases])

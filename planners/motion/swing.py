@@ -37,7 +37,7 @@ class Swing:
 
     @property
     def corners(self) -> tuple[Array, Array, Array, Array]:
-        """Where the lines begin and end."""
+        """Ends of the three lines."""
         return self.start, self.lifted, self.lowered, self.end
 
 

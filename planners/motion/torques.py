@@ -16,8 +16,9 @@ from .path import PlanPath
 
 
 def path_torques(plan: Plan, solver: Kinematics) -> Array:
-    """Of all joints at the moments in which the body moves, the first and the last of every step among them, shape
-    (T, J) [Nm]. Forces run along the straight line between those of a step's two stances."""
+    """Torques of all joints at the moments in which the body moves, the first and the last of every
+    step among them, shape (T, J) [Nm]. Forces run along the straight line between those of a step's
+    two stances."""
     path = PlanPath(plan)
     moments, postures = JointPath(path, solver).judged()
     rows = np.flatnonzero((moments.part == 1) | ((moments.part == 0) & (moments.passed == 1.0)))

@@ -1,4 +1,5 @@
-"""How far beyond its place a foot comes down until it feels, on grounds that are known from noisy heights.
+"""Distance beyond its place that a foot comes down until it feels, on grounds that are known from
+noisy heights.
 
 Three deviations of the ground at a toe are once in 370 times too few, and a plan has tens of toes. A foot comes down
 as many deviations as make *all* toes of a plan find their ground as often as three make one, and no more than 2 cm.
@@ -20,12 +21,14 @@ ONE_IN = 2.0 * NormalDist().cdf(-3.0)
 
 
 def deviations(toes: int) -> float:
-    """How many standard deviations a foot comes down, for as many toes; 3 for one, 3.9 for thirty."""
+    """Number of standard deviations that a foot comes down, for as many toes; 3 for one, 3.9 for
+    thirty."""
     return -NormalDist().inv_cdf(0.5 * ONE_IN / max(toes, 1))
 
 
 def touch_downs_m(plan: Plan) -> Array:
-    """How far beyond its place each foot comes down along its patch's normal, 0 where the ground is exact, (P,) [m]."""
+    """Distance beyond its place that each foot comes down along its patch's normal, 0 where the
+    ground is exact, (P,) [m]."""
     course = plan.problem
     patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
     spread = np.zeros(len(patches))

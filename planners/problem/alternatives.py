@@ -99,7 +99,8 @@ Missing = Literal["contacts", "body"]
 
 
 def ordered(layouts: Iterable[Alternative], missing: Missing) -> list[Alternative]:
-    """The same in the order that the table of successes gives; those that it does not have come last as they are."""
+    """Sort layouts in the order that the table of successes gives; those that it does not have come
+    last as they are."""
     names = [row["layout"] for row in json.loads(TABLE.read_text(encoding="utf-8"))[missing]]
     places = {name: place for place, name in enumerate(names)}
     return sorted(layouts, key=lambda each: places.get(each.message, len(places)))

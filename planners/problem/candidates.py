@@ -1,4 +1,5 @@
-"""Where toes may stand on a terrain: the nearest surfaces to a wanted toe, within reach of its shoulder."""
+"""Candidate patches for toes on a terrain: the nearest surfaces to a wanted toe, within reach of
+its shoulder."""
 
 from __future__ import annotations
 
@@ -50,7 +51,7 @@ class CandidatePatches:
         self._all_offsets = np.array([surface.patch.normal @ surface.patch.centre_m for surface in each])
 
     def near(self, shoulder_m: Array, hip_m: Array, reach_m: float) -> NDArray[np.int_]:
-        """Those that face a hip and may come within reach of a shoulder, in order."""
+        """Patches that face a hip and may come within reach of a shoulder, in order."""
         away = shoulder_m - self._centres
         heights = np.abs(np.einsum("ij,ij->i", away, self._normals))
         close = np.linalg.norm(away, axis=1) - self._radii <= reach_m
@@ -121,7 +122,7 @@ class CandidatePatches:
         return np.asarray(origins + np.matmul(on[:, None], axes.transpose(0, 2, 1))[:, 0])
 
     def _hidden(self, place_m: Array, hip_m: Array) -> bool:
-        """Whether terrain lies between a hip and a place for its toe."""
+        """Tell whether terrain lies between a hip and a place for its toe."""
         here, there = (self._all_normals @ point - self._all_offsets for point in (hip_m, place_m))
         way = float(np.linalg.norm(place_m - hip_m))
         crossed = (here * there < 0.0) & (np.abs(there) * way > TOUCH_M * np.abs(here - there))

@@ -32,7 +32,7 @@ class Contact:
     Raises:
         InvalidInput: for wrong shapes, a reach that is not positive, bounds in the wrong order; all that is wrong.
     Source:
-        Paper E §II, E2, E3 and E11.
+        Lin et al. §II, E2, E3 and E11.
     Example:
         >>> import numpy as np
         >>> from stancekit import Contact, Patch, hexapod
@@ -85,7 +85,8 @@ class Contact:
 
     @property
     def region(self) -> Patch:
-        """Where the toe may be: the patch, or the part of it from which a sole stays on it. Raises InvalidInput."""
+        """Region in which the toe may be: the patch, or the part of it from which a sole stays on
+        it. Raises InvalidInput."""
         return self.patch if self.sole_m is None else self._region
 
     @cached_property

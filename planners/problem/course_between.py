@@ -107,7 +107,8 @@ def laid_between(
     robot: Robot | str | None = None,
     frames: int | None = None,
 ) -> LaidBetween:
-    """What lays out the course over a terrain from one place (x, y) [m] to another, see ``course_between``.
+    """Generator that lays out the course over a terrain from one place (x, y) [m] to another, see
+    ``course_between``.
 
     terrain: its footholds, or its file.
     """
@@ -123,7 +124,8 @@ def laid_between(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaidBetween:
-    """What lays out the course over a terrain from one place (x, y) [m] to another, and on from where a plan failed."""
+    """Generator of the course over a terrain from one place (x, y) [m] to another, and on from
+    where a plan failed."""
 
     terrain: FileTerrain
     start_m: tuple[float, ...]
@@ -162,7 +164,7 @@ class LaidBetween:
 
 
 def _called(file: str) -> str:
-    """What a course over a terrain is called: as its file without the ending, or as its ground."""
+    """Name of a course over a terrain: as its file without the ending, or as its ground."""
     from ..terrain.reference import names_ground  # splines are slow to import
 
     return Path(file).name if names_ground(file) else Path(file).stem

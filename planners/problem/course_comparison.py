@@ -8,7 +8,8 @@ from .problem import Problem
 
 
 def course_difference(course: Problem, expected: Problem) -> str:
-    """Where a course asks for something else than another one, in a line; empty where it does not.
+    """Difference between what a course and another one ask for, in one line; empty where it does
+    not.
 
     Names, weights and modes may be others, and so may the candidates of footholds, which have to be pieces of the
     terrain in any case.

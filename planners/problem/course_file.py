@@ -92,7 +92,8 @@ def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpe
 
 
 def is_scene(course: str | Path) -> bool:
-    """Whether a name or a YAML file is a published scene, whose layout is given. Raises InvalidInput."""
+    """Tell whether a name or a YAML file is a published scene, whose layout is given. Raises
+    InvalidInput."""
     return "surfaces" in described(course)
 
 

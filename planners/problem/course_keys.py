@@ -102,7 +102,8 @@ class RobotSpec(_Keys):
 
 
 class StanceSpec(_Keys):
-    """Where a limb likes its toe: this far outward from the shoulder, away from the body's axis, and below it [m].
+    """Place that a limb likes for its toe: this far outward from the shoulder, away from the body's
+    axis, and below it [m].
 
     limbs: other offsets (x, y, z) from the shoulder, in the body frame, of single limbs.
     """
@@ -140,8 +141,9 @@ ViaKey = Annotated[Annotated[Point, Tag(PLAIN)] | Annotated[ViaSpec, Tag(MADE_UP
 
 
 class BodySpec(_Keys):
-    """How far the COM may be from its nominal path, and at the first and last frame; and the largest body rotation. Of
-    a robot of a file the former is a fifth of its height where that is more, and the latter 0.1 rad for plans."""
+    """Bounds of the COM about its nominal path, and at the first and last frame; and the largest
+    body rotation. Of a robot of a file the former is a fifth of its height where that is more, and
+    the latter 0.1 rad for plans."""
 
     com_radius_m: Least = 0.06
     first_radius_m: Least = 0.02
@@ -150,10 +152,11 @@ class BodySpec(_Keys):
 
 
 class CandidateSpec(_Keys):
-    """Which pieces of terrain a toe is offered: the ``count`` nearest surfaces, clipped to a square window about its
-    nominal place, ``margin_m`` away from every border of the surface, by default ``ROOM_M`` beyond the radius of a foot
-    and how far it rolls, where a robot's file says what that is. A sole is offered each with every one of ``yaws_rad``
-    that it has room for, a window being larger by as much as the sole.
+    """Pieces of terrain that a toe is offered: the ``count`` nearest surfaces, clipped to a square
+    window about its nominal place, ``margin_m`` away from every border of the surface, by default
+    ``ROOM_M`` beyond the radius of a foot and how far it rolls, where a robot's file says what that
+    is. A sole is offered each with every one of ``yaws_rad`` that it has room for, a window being
+    larger by as much as the sole.
 
     everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the body may be, so that a
     proof that there is no plan is one for the whole terrain."""
@@ -166,12 +169,12 @@ class CandidateSpec(_Keys):
 
     @property
     def most(self) -> int:
-        """Of a toe's candidates, for views of a fixed size."""
+        """Largest number of a toe's candidates, for views of a fixed size."""
         return MOST_EVERYWHERE if self.everywhere else self.count
 
 
 class WeightSpec(_Keys):
-    """Of the objective, see ``Weights``."""
+    """Weights of the objective, see ``Weights``."""
 
     goal: Least = 1.0
     com_path: Least = 0.0
@@ -226,7 +229,8 @@ class CourseSpec(_Keys):
     _given: Robot | None = PrivateAttr(None)
 
     def of_robot(self, robot: Robot | str) -> CourseSpec:
-        """The same for another robot: a name or a file, as the key ``robot`` has it, or a ``Robot`` as it is."""
+        """Specification for another robot: a name or a file, as the key ``robot`` has it, or a
+        ``Robot`` as it is."""
         if isinstance(robot, str):
             return type(self).model_validate({**self.model_dump(), "robot": robot})
         made = self.model_copy()
@@ -256,10 +260,10 @@ class CourseSpec(_Keys):
         return with_mass(found, self.mass_kg)
 
     def standing(self, model: RobotModel | None, robot: Robot, sets: Sets = "inner") -> CourseSpec:
-        """The same with toes where the model has them as it stands, if the file does not say where they should be, so
-        far from borders of surfaces, where a riser may be, that its feet have room, and near its nominal path, from
-        which a high body may be farther than a low one; of inner sets, which shrink with the tilt, with less of it.
-        Without a model as it is."""
+        """Specification with toes where the model has them as it stands, if the file does not say
+        where they should be: so far from borders of surfaces, where a riser may be, that the feet
+        have room, and near the nominal path, from which a high body may be farther than a low one.
+        Inner sets, which shrink with the tilt, get less tilt. Without a model nothing changes."""
         if model is None:
             return self
         from ..robot.reach_sets import standing_toes
@@ -302,7 +306,7 @@ class CourseSpec(_Keys):
         return own if self.mass_kg is None else replace(own, mass_kg=self.mass_kg)
 
     def with_frames(self, frames: int) -> CourseSpec:
-        """The same with another number of key frames. Raises InvalidInput."""
+        """Specification with another number of key frames. Raises InvalidInput."""
         if isinstance(frames, bool) or not isinstance(frames, int) or not 1 <= frames <= MOST_FRAMES:
             raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames!r}")
         return self.model_copy(update={"frames": frames})

@@ -74,7 +74,8 @@ def build_course(
 
 
 def _wrench(spec: CourseSpec) -> Array | None:
-    """What is on the body beside its weight at each frame, shape (M, 6); None for nothing. Raises InvalidInput."""
+    """Wrench on the body beside its weight at each frame, shape (M, 6); None for nothing. Raises
+    InvalidInput."""
     total = np.zeros((spec.frames, 6))
     for index, each in enumerate(spec.wrench):
         frames = range(spec.frames) if each.frames is None else each.frames
@@ -94,7 +95,8 @@ def _standing(spec: CourseSpec, robot: Robot, passed: NDArray[np.int_]) -> Array
 
 
 def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:
-    """The same with a start whose height the terrain says: the toes, as the robot stands, are on it in the mean.
+    """Specification with a start whose height the terrain gives: the toes, as the robot stands, are
+    on it in the mean.
 
     Raises InvalidInput where there is no ground under a toe.
     """
@@ -166,7 +168,8 @@ def _footholds(
 
 
 def _slack(limb: Limb, radius_m: float, spec: CourseSpec) -> float:
-    """How far a shoulder may be from where it is nominally [m]: the COM's ball, and ‖Θ × s‖ ≤ √3 max|Θ_i| ‖s‖."""
+    """Largest distance of a shoulder from its nominal place [m]: the COM's ball, and ‖Θ × s‖ ≤ √3
+    max|Θ_i| ‖s‖."""
     return float(radius_m + np.sqrt(3.0) * spec.body.tilt_limit_rad * np.linalg.norm(limb.shoulder_m))
 
 
@@ -287,7 +290,7 @@ def _schedule(robot: Robot, lifts: Sequence[Sequence[str]]) -> list[tuple[int, L
 
 
 def _stance(spec: CourseSpec, passed: int) -> StanceSpec:
-    """How to stand after so many via points."""
+    """Stance after this many via points."""
     stance = spec.stance
     for point in spec.via_m[:passed]:
         if not isinstance(point, tuple) and point.stance is not None:

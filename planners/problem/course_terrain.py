@@ -247,7 +247,7 @@ def _grid(values: Array, through: float, spacing: float) -> Array:
 
 
 def _count(values: Array, spacing: float) -> int:
-    """How many pieces such a grid has, or up to two fewer."""
+    """Number of pieces that such a grid has, or up to two fewer."""
     low, high = _span(values)
     return int(min((high - low) / spacing, MOST_PATCHES + 1.0))
 

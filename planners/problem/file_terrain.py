@@ -43,7 +43,8 @@ class FileTerrain(TerrainSpec):
         """A terrain whose footholds were found before. Raises InvalidInput for one of several frictions, or of none."""
         if not footholds.pieces:
             raise InvalidInput(f"{footholds.name}: expected a terrain with footholds, got none")
-        patches = (*(piece.patch for piece in footholds.pieces), *footholds.surfaces)
+        flat = [piece.patch for piece in footholds.pieces if not piece.turn_rad]
+        patches = (*footholds.surfaces, *flat)
         if frictions := sorted({patch.friction for patch in patches})[1:]:
             least = min(patch.friction for patch in patches)
             raise InvalidInput(
@@ -52,7 +53,7 @@ class FileTerrain(TerrainSpec):
         try:
             made = cls(
                 file=footholds.name,
-                friction=footholds.pieces[0].patch.friction,
+                friction=patches[0].friction,
                 footholds=footholds.limits,
             )
         except ValidationError as error:
@@ -65,8 +66,9 @@ class FileTerrain(TerrainSpec):
         found = self._found
         if found is None:
             found = self._found = self.read(folder)
-        each = [patch.with_friction(self.friction) for patch in found.surfaces]
-        pieces = tuple(piece.patch.with_friction(self.friction) for piece in found.pieces)
+        pieces = tuple(piece.on(self.friction) for piece in found.pieces)
+        lines = [patch for patch, piece in zip(pieces, found.pieces, strict=True) if piece.turn_rad]
+        each = [*(patch.with_friction(self.friction) for patch in found.surfaces), *lines]
         return Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.margin_m)
 
     def read(self, folder: Path) -> Footholds:
@@ -77,7 +79,7 @@ class FileTerrain(TerrainSpec):
         return self._counted(read_footholds(folder / self.file, options, self.footholds))
 
     def _counted(self, found: Footholds) -> Footholds:
-        """The same footholds. Raises InvalidInput for too many."""
+        """Check the number of footholds and return them. Raises InvalidInput for too many."""
         if len(found.surfaces) + len(found.pieces) > MOST_PATCHES:
             raise InvalidInput(
                 f"{self.file}: expected at most {MOST_PATCHES} surfaces and footholds, got "

@@ -1,4 +1,4 @@
-"""Who stands where, and who carries: toes put down, and limbs that carry the robot alone."""
+"""Footholds and stances: toes put down, and limbs that carry the robot alone."""
 
 from __future__ import annotations
 

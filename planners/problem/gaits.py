@@ -1,4 +1,4 @@
-"""When feet stand and swing: gaits by name, and the schedule that a task gets of one (paper W §III-A).
+"""When feet stand and swing: gaits by name, and the schedule that a task gets of one (Pan et al. §III-A).
 
 A robot on fewer than three feet falls over them as an inverted pendulum does: what it is off grows by e^(t/√(h/g)). A
 lower one has to take shorter steps, or no tracker holds it: cycles go with √h (dynamic similarity, R. McN. Alexander
@@ -29,19 +29,19 @@ class Gait:
 
     @property
     def swing_s(self) -> float:
-        """How long a foot is in the air [s]."""
+        """Time that a foot is in the air [s]."""
         return (1.0 - self.duty) * self.cycle_s
 
     @property
     def balances(self) -> bool:
-        """Whether there are moments at which fewer than three feet stand."""
+        """Tell whether there are moments at which fewer than three feet stand."""
         since = np.subtract.outer(self.offsets, self.offsets) % 1.0
         swinging = (since < 1.0 - self.duty - 1e-9).sum(axis=1)
         return bool(len(self.offsets) - swinging.max() < 3)
 
     def at(self, height_m: float, step_s: float) -> Gait:
-        """The same for a robot whose centre of mass stands so high: a cycle of that robot's, halves of it on the grid
-        of step_s, no longer than this one. Gaits on three feet stay as they are."""
+        """Gait of a robot whose centre of mass stands this high: a cycle of that robot's, halves of
+        it on the grid of step_s, no longer than this one. Gaits on three feet stay as they are."""
         if not self.balances:
             return self
         halves = max(0.5 * SHORTEST, np.rint(0.5 * self.cycle_s * np.sqrt(height_m / HEIGHT_M) / step_s))
@@ -91,12 +91,12 @@ class FootPhases:
 
     @property
     def swings(self) -> int:
-        """How often the foot swings; it stands once more."""
+        """Number of times that the foot swings; it stands once more."""
         return len(self.switches_s) // 2
 
     @property
     def edges_s(self) -> Array:
-        """Where phases begin and end, shape (2 S + 2,) [s]: even intervals are stances."""
+        """Ends of the phases, shape (2 S + 2,) [s]: even intervals are stances."""
         return np.concatenate([[0.0], self.switches_s, [self.duration_s]])
 
     def stance(self, index: int) -> tuple[float, float]:
@@ -115,7 +115,7 @@ class FootPhases:
         return np.asarray(np.where((phase % 2 == 1) & begins, phase - 1, phase))
 
     def stands(self, times_s: Array) -> NDArray[np.bool_]:
-        """Whether the foot stands at each time, shape of ``times_s``, bool."""
+        """Tell whether the foot stands at each time, shape of ``times_s``, bool."""
         return np.asarray(self.phase_at(times_s) % 2 == 0, dtype=np.bool_)
 
 

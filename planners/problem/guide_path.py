@@ -121,7 +121,7 @@ class Footprint:
 
     @property
     def width_m(self) -> float:
-        """Its least width, over all directions [m]."""
+        """Least width over all directions [m]."""
         ahead = np.roll(self.hull_m, -1, axis=0) - self.hull_m
         normals = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1)[:, None]
         along = self.hull_m @ normals.T
@@ -174,14 +174,17 @@ def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: S
     raise first
 
 
-def guide_over(heights: HeightField, footprint: Footprint, ends_m: Array, friction: float) -> tuple[GuidePath, bool]:
-    """The same over heights, where ground that is steeper than friction holds is no foothold, and what is higher than
-    the robot's belly is a wall, as bars overhead are; and whether the straight way is as good."""
+def guide_over(
+    heights: HeightField, footprint: Footprint, ends_m: Array, friction: float, avoid_m: Sequence[Array] = ()
+) -> tuple[GuidePath, bool]:
+    """Guide path over heights, and whether the straight way is as good. Ground that is steeper than
+    friction holds is no foothold; what is higher than the robot's belly is a wall, as bars overhead
+    are."""
     first: InvalidInput | PlanningFailed | None = None
     for apart in APART:
         lattice = _Lattice.on(heights, footprint, apart, friction)
         try:
-            found = lattice.way(ends_m[0], ends_m[1], ())
+            found = lattice.way(ends_m[0], ends_m[1], avoid_m)
         except (NoPlace, PlanningFailed) as error:
             first = first or error
             continue
@@ -242,19 +245,14 @@ class _Lattice:
         stood = cls._stood(np.where(steep, np.nan, ground), low, spacing, footprint, apart)
         blocked = np.full(ground.shape, -1)
         for number in reversed(range(len(ROOMS))):
-            hull = footprint.grown(ROOMS[number][0])
-            size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
-            line = spacing * np.arange(-size, size + 1)
-            normals, offsets = half_planes(hull)
-            mask = np.all(np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1)
-            highest = maximum_filter(ground, footprint=mask, mode="nearest")
+            highest = _highest(ground, footprint.grown(ROOMS[number][0]), spacing)
             blocked[highest > stood["z_m"] + footprint.low_m] = number
         none = np.full(ground.shape, -1)
         return cls(**stood | _worth(stood["worth"], blocked), by=none, layered=False, surfaces=(), heights_m=ground)
 
     @staticmethod
     def _stood(heights: Array, low: Array, spacing: float, footprint: Footprint, apart: float) -> dict[str, Any]:
-        """Where the robot can stand, of footholds' heights at the nodes."""
+        """Places where the robot can stand, of footholds' heights at the nodes."""
         reach, toes = footprint.reach_m, footprint.toes_m
         away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
         aside = spacing * away / (ASIDE * reach)
@@ -276,7 +274,7 @@ class _Lattice:
         }  # fmt: skip
 
     def clear(self, ends_m: Array) -> bool:
-        """Whether the robot can stand, clear of solids, all along a straight way."""
+        """Tell whether the robot can stand, clear of solids, all along a straight way."""
         count = int(np.ceil(np.linalg.norm(ends_m[1] - ends_m[0]) / self.spacing_m)) + 1
         points = ends_m[0] + np.linspace(0.0, 1.0, count)[:, None] * (ends_m[1] - ends_m[0])
         i, j = np.round((points - self.corner_m) / self.spacing_m).astype(int).T
@@ -284,7 +282,7 @@ class _Lattice:
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """Where the robot can stand, clear of solids."""
+        """Nodes where the robot can stand, clear of solids."""
         return np.asarray(np.isfinite(self.z_m) & (self.room != 0))
 
     def way(self, start: Array, goal: Array, avoid_m: Sequence[Array]) -> GuidePath:
@@ -350,7 +348,7 @@ class _Lattice:
         return np.concatenate(parts), np.concatenate(rooms)
 
     def _places(self) -> Array:
-        """Of the nodes, shape (n, m, 2) [m]."""
+        """Places of the nodes, shape (n, m, 2) [m]."""
         i, j = np.meshgrid(*map(np.arange, self.z_m.shape), indexing="ij")
         return np.asarray(self.corner_m + self.spacing_m * np.stack([i, j], axis=-1))
 
@@ -419,7 +417,7 @@ class _Lattice:
         return float(self.z_m.ravel()[int(gaps.argmin())]) - down
 
     def _named(self, number: int, place: Array, body_z: float) -> str:
-        """What a surface is, for people: wall or bar, where, and how high."""
+        """Words for a surface: wall or bar, where, and how high."""
         ground = body_z - float(np.abs(self.footprint.toes_m[:, 2]).mean())
         if self.heights_m is not None:
             off = np.linalg.norm(self._places() - place, axis=-1)
@@ -437,7 +435,7 @@ class _Lattice:
         return f"wall {at}, {high - ground:.2g} m high"
 
     def _refusal(self, start: Array, goal: Array, ends: list[int]) -> str:
-        """What is in the way, where every way is barred."""
+        """Refusal that says what is in the way, where every way is barred."""
         known, free = np.where(np.isfinite(self.z_m), self.z_m, np.nanmean(self.z_m)), self.free
         barred = replace(self, z_m=np.full_like(known, float(np.nanmean(self.z_m))))
         through = barred._cheapest(ends, np.ones_like(free), np.where(free, 1.0, 30.0))
@@ -486,10 +484,7 @@ class _Lattice:
         return self._named(max(found)[1], place, body_z) if found else ""
 
     def _widest(self, ends: list[int]) -> str:
-        """How wide the widest gap is, where a narrower robot would have a way; empty where none would, and of heights,
-        where a gap may be narrower than their grid shows."""
-        if self.heights_m is not None:
-            return ""
+        """Width of the widest gap, where a narrower robot would have a way; empty where none would."""
         low, high = 0.0, 1.0
         heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
         corners, places = self._border, self._places()
@@ -499,9 +494,13 @@ class _Lattice:
             inside = np.all(
                 (places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]), axis=-1
             )
-            blocked, _ = _room(
-                self.surfaces, self.footprint, heights, self.corner_m, self.spacing_m, rooms=(0.0,), scale=scale
-            )
+            if self.heights_m is None:
+                blocked, _ = _room(
+                    self.surfaces, self.footprint, heights, self.corner_m, self.spacing_m, rooms=(0.0,), scale=scale
+                )
+            else:
+                high_m = _highest(self.heights_m, self.footprint.grown(0.0, scale), self.spacing_m)
+                blocked = np.where(high_m > heights + self.footprint.low_m, 0, -1)
             parts = np.asarray(label(inside & (blocked != 0))[0]).ravel()
             return bool(parts[ends[0]] == parts[ends[1]] > 0)
 
@@ -533,7 +532,7 @@ class _Lattice:
 
 
 def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
-    """What a way costs by its length where there is so much room."""
+    """Cost of a way by its length where there is so much room."""
     for number, (_, factor) in enumerate(ROOMS):
         if np.isfinite(factor):
             worth = np.where(blocked == number, factor * worth, worth)
@@ -575,10 +574,19 @@ def _room(
     return blocked, by
 
 
+def _highest(heights: Array, hull: Array, spacing: float) -> Array:
+    """The highest of the heights below a hull about every node, shape (n, m) [m]."""
+    size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
+    line = spacing * np.arange(-size, size + 1)
+    normals, offsets = half_planes(hull)
+    mask = np.all(np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1)
+    return np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
+
+
 def _covered(
     patch: Patch, hull: Array, low: Array, spacing: float, shape: tuple[int, ...]
 ) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
-    """Which nodes of a window are in the sum of a surface, from above, and a hull."""
+    """Nodes of a window that are in the sum of a surface, from above, and a hull."""
     area = _hull((patch.vertices_m[:, None, :2] + hull).reshape(-1, 2))
     first = np.clip(np.ceil((area.min(axis=0) - low) / spacing).astype(int), 0, shape)
     last = np.clip(np.floor((area.max(axis=0) - low) / spacing).astype(int) + 1, first, shape)

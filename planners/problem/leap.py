@@ -41,7 +41,7 @@ class Phase:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyState:
-    """Where a body is and how it moves.
+    """State of a body: where it is and how it moves.
 
     com_m: centre of mass c, shape (3,) [m]; velocity_m_s: v, shape (3,) [m/s]; momentum_m2_s: L, angular momentum about
     the centre of mass per mass, shape (3,) [m²/s]; rotation_rad: small rotation Θ, shape (3,) [rad].
@@ -58,7 +58,7 @@ class BodyState:
 
     @property
     def rests(self) -> bool:
-        """Whether nothing moves."""
+        """Tell whether nothing moves."""
         return bool(np.abs([self.velocity_m_s, self.momentum_m2_s]).max() <= STILL)
 
 
@@ -172,12 +172,13 @@ class Leap:
 
     @property
     def still(self) -> tuple[bool, bool]:
-        """Whether the first and the last interval are in equilibrium: where the body rests there."""
+        """Tell whether the first and the last interval are in equilibrium: where the body rests
+        there."""
         return self.start.rests, self.goal.rests
 
     @property
     def choices(self) -> int:
-        """How many choices of candidates there are."""
+        """Number of choices of candidates."""
         return int(np.prod([len(foothold.candidates) for foothold in self.footholds], dtype=object))
 
     def leg(self, limb: Limb) -> LegLimits:

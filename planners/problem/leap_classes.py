@@ -113,7 +113,8 @@ class LeapClass(BaseModel):
     def _place(
         self, scene: Terrain, robot: Robot, xy_m: Array
     ) -> tuple[Array, list[tuple[Patch, ...]]] | None:
-        """Where the body is over a place, and the candidates of every toe; None where a toe has none."""
+        """Place of the body over a point, and the candidates of every toe; None where a toe has
+        none."""
         toes = [xy_m + self._toe(limb, 0.0)[:2] for limb in robot.limbs]
         ground = [float(scene.grid(toe[:1], toe[1:])[0, 0]) for toe in toes]
         ground = [height for height in ground if height != VOID_M]
@@ -179,7 +180,7 @@ def leap_class(name: str) -> LeapClass:
 
 
 def is_leap_class(name: str) -> bool:
-    """Whether a name, or a file's, speaks of a class of leaps, be there one or not."""
+    """Tell whether a name, or a file's, speaks of a class of leaps, be there one or not."""
     last = Path(name).name
     return last == "leap" or last.startswith("leap-")
 

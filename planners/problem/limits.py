@@ -1,4 +1,4 @@
-"""What limits the steps of a course, and what its objective weighs."""
+"""Limits on the steps of a course, and weights of its objective."""
 
 from __future__ import annotations
 
@@ -64,8 +64,9 @@ class StepLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """Of the objective: squared distance of the last COM from the goal, of every COM from the nominal path, squared
-    steps, squared tilt, squared distance of every toe from where it is as the robot stands; lengths in m.
+    """Weights of the objective: squared distance of the last COM from the goal, of every COM from
+    the nominal path, squared steps, squared tilt, squared distance of every toe from where it is as
+    the robot stands; lengths in m.
 
     The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
     """

@@ -27,7 +27,7 @@ class PostureProblem(metaclass=OldName):
 
     @staticmethod
     def known(instance: object) -> bool:
-        """Whether it is a posture problem."""
+        """Tell whether it is a posture problem."""
         return isinstance(instance, Problem) and instance.is_posture
 
 
@@ -38,7 +38,7 @@ class Course(metaclass=OldName):
 
     @staticmethod
     def known(instance: object) -> bool:
-        """Whether it is a course."""
+        """Tell whether it is a course."""
         return isinstance(instance, Problem) and not instance.is_posture
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Posture problems (paper E §II), the currency of contact planning: their numbers, and the keys of their files."""
+"""Posture problems (Lin et al. §II), the currency of contact planning: their numbers, and the keys of their files."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .contact import Contact
 from .wrench import checked_wrench
 
 FORMAT = "stancekit/posture/1"
-TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (paper E §II)
+TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (Lin et al. §II)
 UP = (0.0, 0.0, 1.0)
 THREE_LEGS = ("RF", "RR", "LM")
 MAX_TILT_RAD = float(np.deg2rad(30.0))
-"""Of the problem classes of paper E §IV-A: a tripod of the hexapod's legs; how far a patch leans at most."""
+"""Of the problem classes of Lin et al. §IV-A: a tripod of the hexapod's legs; how far a patch leans at most."""
 BODY = (
     "mass_kg", "gravity_m_s2", "force_scale_n", "length_scale_m", "com_nominal_m", "com_radius_m", "tilt_limit_rad"
 )  # fmt: skip

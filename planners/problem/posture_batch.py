@@ -99,7 +99,7 @@ class PostureBatch:
 
     @property
     def shear_references(self) -> Array:
-        """Of the contacts' patches, shape (N, 3)."""
+        """Shear references of the contacts' patches, shape (N, 3)."""
         return np.array([contact.patch.shear_reference for contact in self.like.contacts])
 
     @cached_property

@@ -81,7 +81,7 @@ class Problem:
     Raises:
         InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers out of range.
     Source:
-        Paper E §II and §IV-B, E1-E11.
+        Lin et al. §II and §IV-B, E1-E11.
     Example:
         >>> import stancekit
         >>> course = stancekit.plan("walls", frames=4).solution.problem
@@ -310,7 +310,7 @@ class Problem:
 
     @property
     def is_posture(self) -> bool:
-        """Whether it is a posture problem: of one frame and one stance, and without an objective.
+        """Tell whether it is a posture problem: one frame, one stance, and no objective.
 
         Its solution is a ``Posture``, a certificate of it has to leave room, and planners decide it in place of looking
         for the best plan.
@@ -331,7 +331,7 @@ class Problem:
 
     @property
     def mass_kg(self) -> float:
-        """Of the robot [kg]."""
+        """Mass of the robot [kg]."""
         return self.robot.mass_kg
 
     @property
@@ -404,7 +404,8 @@ class Problem:
 
     @cached_property
     def regions(self) -> tuple[tuple[Patch, ...], ...]:
-        """Where the toe of each foothold may be on each candidate: the patch, or what a sole leaves of it.
+        """Regions in which the toe of each foothold may be on each candidate: the patch, or what a
+        sole leaves of it.
 
         Raises InvalidInput where a sole has no room.
         """
@@ -423,7 +424,7 @@ class Problem:
 
     @property
     def has_soles(self) -> bool:
-        """Whether any foot is a sole."""
+        """Tell whether any foot is a sole."""
         return any(limb.sole_m is not None for limb in self.robot.limbs)
 
     @cached_property

@@ -25,14 +25,15 @@ class ReachSpec(_Keys):
 
 
 class PhaseSpec(_Keys):
-    """Who moves, and the numbers of the surfaces allowed to it: a list a limb; or any one limb, to one list."""
+    """Limbs that move, and the numbers of the surfaces allowed to them: one list per limb, or one
+    list for any one limb."""
 
     moving: list[str] | str
     allowed: list[Surfaces] | Surfaces
 
 
 class OursSpec(_Keys):
-    """What no kinematic scene says, and how a course is made of it.
+    """Keys that no kinematic scene has, from which a course is made of it.
 
     order: the limbs that move, one after the other, where the scene leaves that open. start: ``published``, ``free``
     (anywhere on the surfaces of the first phase) or ``nearest`` (moved to the nearest point of a surface). path_m: the
@@ -123,6 +124,6 @@ class SceneSpec(_Keys):
         return [[(order[k % len(order)], tuple(phase.allowed))] for k, phase in enumerate(each)]  # type: ignore[arg-type]
 
     def first_surfaces(self) -> tuple[int, ...]:
-        """Where a start that is free may be."""
+        """Surfaces on which a start that is free may be."""
         allowed = self.phases[0].allowed
         return tuple(number for each in allowed for number in (each if isinstance(each, list) else [each]))

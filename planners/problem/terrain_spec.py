@@ -1,4 +1,4 @@
-"""What all terrains of courses share in a file: friction, and the answer to a path."""
+"""Base of all terrains of courses in a file: friction, and the answer to a path."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SolePoints = Annotated[list[tuple[Length, Length]], AfterValidator(_sole)]
 
 
 class TerrainSpec(BaseModel, ABC):
-    """What all kinds of terrain share: friction μ, and the answer to a path."""
+    """Base of all kinds of terrain: friction μ, and the answer to a path."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     friction: Friction = 1.0

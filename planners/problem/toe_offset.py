@@ -1,4 +1,4 @@
-"""Where a limb likes its toe."""
+"""Place that a limb likes for its toe."""
 
 from __future__ import annotations
 

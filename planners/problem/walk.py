@@ -1,4 +1,4 @@
-"""A walk: what a robot with a torso and feet is asked to do over a terrain (paper W §V)."""
+"""A walk: what a robot with a torso and feet is asked to do over a terrain (Pan et al. §V)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STEEPEST = 1.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Walk:
-    """One walk over a terrain (paper W §V).
+    """One walk over a terrain (Pan et al. §V).
 
     Arguments:
         robot: a torso with feet (``robot.single_body``).
@@ -48,7 +48,7 @@ class Walk:
     Raises:
         InvalidInput: for a place off the terrain or where the robot cannot stand.
     Source:
-        Paper W §III and §V.
+        Pan et al. §III and §V.
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
@@ -149,7 +149,8 @@ class Walk:
         return self.start_yaw_rad, self.start_yaw_rad if self.end_yaw_rad is None else self.end_yaw_rad
 
     def stance_m(self, xy_m: Array, yaw_rad: float | None = None) -> Array:
-        """Where the feet of the nominal stance are on the terrain, with the torso over ``xy_m``, shape (E, 3) [m].
+        """Places of the feet of the nominal stance on the terrain, with the torso over ``xy_m``,
+        shape (E, 3) [m].
 
         yaw_rad: its heading, that of the start where it is None.
         """
@@ -176,8 +177,8 @@ class Walk:
         self._check_reach(which, feet, yaw)
 
     def _stands(self, xy_m: Array, yaw_rad: float, slope: Array) -> bool:
-        """Whether a torso over ``xy_m`` with this heading, inclined by ``slope``, has a height at which every box holds
-        some ground.
+        """Tell whether a torso over ``xy_m`` with this heading, inclined by ``slope``, has a height
+        at which every box holds some ground.
 
         Boxes stay upright here: on a slope of 45° that is off by a fifth of their sides, and no proof is needed.
         """

@@ -133,13 +133,15 @@ class _Held:
         return np.where(inside[:, 0], -logs.sum(axis=1), np.inf)
 
     def _room(self, body: Array) -> tuple[Array, Array, Array]:
-        """What is left of reach, (B, N), of the ball, (B,), and of the tilt, (B, 3); each squared less squared."""
+        """Slack of reach, (B, N), of the ball, (B,), and of the tilt, (B, 3); each squared less
+        squared."""
         legs, away = self._leg(body), body[:, :3] - self.like.com
         reach = self.like.reach**2 - (legs * legs).sum(axis=-1)
         return reach, self.like.com_radius**2 - (away * away).sum(axis=-1), self.like.tilt**2 - body[:, 3:] ** 2
 
     def _grip(self, forces: Array) -> tuple[Array, Array, Array]:
-        """What is left of cones, (B, N), squared less squared, and of either side of the force boxes, (B, N, 3)."""
+        """Slack of cones, (B, N), squared less squared, and of either side of the force boxes, (B,
+        N, 3)."""
         cone = (self.friction * forces[..., 0]) ** 2 - (forces[..., 1:] ** 2).sum(axis=-1)
         return cone, self.like.force_max - forces, forces - self.like.force_min
 

@@ -1,4 +1,5 @@
-"""How near bodies are to each other and to the terrain along a plan's path, and to first order what changes that.
+"""Distances of bodies from each other and from the terrain along a plan's path, with their first
+derivatives.
 
 Of two points x, y that are nearest, n the unit vector from y to x, the distance changes by n·(δx − δy). With δc, δ the
 change of the body's place and a small turn, a point of a leg whose joints are q moves by
@@ -63,13 +64,14 @@ class Nearness:
     astray_m: float
 
     def within(self, clearance_m: float, rooms_m: Array) -> Nearness:
-        """Those alone that may come nearer than this where no number changes by more than so much."""
+        """Select those that may come nearer than this where no number changes by more than these
+        amounts."""
         falls = abs(self.slopes) @ rooms_m
         kept = np.flatnonzero(self.distance_m - falls < clearance_m)
         return replace(self, distance_m=self.distance_m[kept], slopes=self.slopes[kept])
 
     def missing(self, clearance_m: float) -> Array:
-        """What is missing to a distance, shape (K,) [m]."""
+        """Shortfall of a distance, shape (K,) [m]."""
         return np.asarray(np.maximum(clearance_m - self.distance_m, 0.0))
 
 
@@ -82,10 +84,10 @@ class PathClearance:
         self._bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
 
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
-        """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is
-        nearest, and wherever it is too near."""
+        """Find the bodies that are nearer than that and a little more, at moments this far apart:
+        of every pair of bodies where it is nearest, and wherever it is too near."""
         path = JointPath(PlanPath(plan), self._solver, apart_m)
-        moments, postures = _with_keys(path.path, *path.judged(turn_rad=np.inf))
+        moments, postures = _with_keys(path.path, *path.judged(turn_rad=np.inf, deadline=self._deadline))
         check_time(self._deadline)
         bodies = path_bodies(path.path, moments, postures)
         loose = replace(bodies, stands=np.ones_like(bodies.stands))  # feet lift off what they stand on
@@ -112,8 +114,8 @@ class PathClearance:
 
 
 def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int, Near]]:
-    """Those that are too near, and of every two bodies those moments at which they are no farther than before and
-    after."""
+    """Select those that are too near, and of every two bodies those moments at which they are no
+    farther than before and after."""
     found, runs = list[tuple[int, Near]](), dict[tuple[int, int, str], list[tuple[int, Near]]]()
     for t, each in near:
         runs.setdefault((each.shape, each.other, each.name), []).append((t, each))
@@ -125,7 +127,7 @@ def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int
 
 
 def _astray(moments: PathMoments, postures: PathPostures) -> list[tuple[int, int]]:
-    """Of every limb that stays from its path in a step, the moment at which it does most, and the limb."""
+    """Moment at which each limb that stays from its path in a step does so most, and the limb."""
     worst = dict[tuple[int, int], int]()
     for t, limb in np.argwhere(postures.error_m > STRAY_M).tolist():
         key = int(moments.step[t]), limb

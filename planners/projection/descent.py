@@ -55,7 +55,7 @@ def improved(
 
 
 def cost(scaled: Scaled, point: Point) -> float:
-    """The objective of paper E §IV-B at a point, in units of the length scale squared.
+    """The objective of Lin et al. §IV-B at a point, in units of the length scale squared.
 
     Goal, nominal path, tilt, steps of the COM and of the toes, with the weights of the course (``Weights``); of one
     candidate a foothold.

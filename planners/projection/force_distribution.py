@@ -54,7 +54,7 @@ class _Stance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loads:
-    """What the torques of a robot that rests are made of; J joints.
+    """Parts of the torques of a robot at rest; J joints.
 
     weight_nm: of the limbs' own masses, shape (J,). levers_m: τ = weight_nm − levers_m · f, f on the joint's own foot
     in the world frame, shape (J, 3). limit_nm: of every joint, inf for none, shape (J,).
@@ -124,7 +124,8 @@ class ForceDistribution:
         least: float = LEAST,
         wrench: Array | None = None,
     ) -> Array | None:
-        """The same for toes that are so far from the centre of mass, shape (N, 3) [m], on these patches.
+        """Forces for toes that are this far from the centre of mass, shape (N, 3) [m], on these
+        patches.
 
         bears: who carries, shape (N,); course: its weight and its bounds of the forces. loads: of the joints. reserves:
         shares of μ that are tried, one after the other, until one has forces. least: share of the weight with which
@@ -203,7 +204,7 @@ def standing_forces(plan: Plan, kinematics: Kinematics) -> dict[int, Array]:
 
 
 def _spares(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array, own_n: Array) -> bool:
-    """Whether forces ask of the joints no more than the plan's own do, or than is easy."""
+    """Tell whether forces ask of the joints no more than the plan's own do, or than is easy."""
     if plan.joints_rad is None:
         return True
     most = max(EASY, _largest(plan, kinematics, frame, own_n))
@@ -211,7 +212,7 @@ def _spares(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array, own
 
 
 def _largest(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array) -> float:
-    """Of the torques at a key frame under these forces, the largest as a share of what the joint has."""
+    """Largest torque at a key frame under these forces, as a share of the joint's limit."""
     limit_nm = np.minimum(kinematics.torque_nm, float(plan.provenance.get("torque_nm", np.inf)))
     assert plan.joints_rad is not None
     torques = kinematics.torques(plan.joints_rad[frame], rotation_of(plan.rotation_rad[frame]), forces_n)

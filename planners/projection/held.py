@@ -47,7 +47,7 @@ class FixToes:
         self._hold_body, self._least = hold_body, least_moment
 
     def reference(self, given: Given) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import fix_toes  # cvxpy takes a second to import
 
         return fix_toes(given.scaled, given.held, hold_body=self._hold_body, least_moment=self._least)
@@ -79,7 +79,7 @@ class FixForces:
         body.steps(toes)
 
     def reference(self, given: Given) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import fix_forces
 
         return fix_forces(given.scaled, given.held)
@@ -120,7 +120,7 @@ class Linearised:
         body.steps(toes)
 
     def reference(self, given: Given) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import linearised
 
         return linearised(given.scaled, given.held, price=self._price)

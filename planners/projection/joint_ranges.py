@@ -1,4 +1,5 @@
-"""How far the joints of a plan may go: from one key frame to the next, and towards the posture in which two are one."""
+"""Ranges of the joints of a plan: from one key frame to the next, and towards the posture in which
+two are one."""
 
 from __future__ import annotations
 
@@ -42,8 +43,8 @@ def keep_turns(rows: Rows[Any], of: tuple[Index, Index], joints: Index) -> None:
 
 
 def turn_room(angles: Array, of: tuple[Index, Index], sign: float) -> Array:
-    """How much farther these joints may turn one way since the frame before, (K,) [rad]: what is beyond ``TURN_RAD``
-    already gets no farther.
+    """Angle by which these joints may still turn one way since the frame before, (K,) [rad]: what
+    is beyond ``TURN_RAD`` already gets no farther.
 
     angles: shape (M, J). of: as of ``standing``.
     """
@@ -53,8 +54,9 @@ def turn_room(angles: Array, of: tuple[Index, Index], sign: float) -> Array:
 
 
 def joint_ranges(solver: Kinematics, angles: Array) -> tuple[Array, Array]:
-    """Where joints may go, shape (M, J) each: within their limits, and legs that are drawn up no nearer to the posture
-    in which thigh and axis of yaw are one than ``UPRIGHT_RAD``, or than they are. angles: shape (M, J) [rad]."""
+    """Ranges of the joints, shape (M, J) each: within their limits, and legs that are drawn up no
+    nearer to the posture in which thigh and axis of yaw are one than ``UPRIGHT_RAD``, or than they
+    are. angles: shape (M, J) [rad]."""
     lower, upper = (np.tile(limit, (len(angles), 1)) for limit in (solver.lowest_rad, solver.highest_rad))
     if solver.drawn:
         hips = slice(JOINTS.index("hip"), None, len(JOINTS))
@@ -64,7 +66,8 @@ def joint_ranges(solver: Kinematics, angles: Array) -> tuple[Array, Array]:
 
 
 def keeps_to(solver: Kinematics, layout: Layout, before: Array, after: Array) -> bool:
-    """Whether angles, shape (M, J), are as near to these as a step's joints must be: restored ones may have jumped."""
+    """Tell whether angles, shape (M, J), are as near to these as a step's joints must be: restored
+    ones may have jumped."""
     frame, joint = standing(layout, tuple(solver.legs.tolist()))
     first, then = (np.abs(angles[frame, joint] - angles[frame - 1, joint]) for angles in (before, after))
     lower, upper = joint_ranges(solver, before)

@@ -11,7 +11,7 @@ from ..robot.kinematics import Kinematics, rotation_of
 
 
 def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
-    """Of all torques of a plan with joints the one with the largest share of its limit: (share, Nm)."""
+    """Largest torque of a plan with joints, as a share of its limit: (share, Nm)."""
     assert plan.joints_rad is not None
     rows = zip(plan.problem.stances, plan.forces_n, strict=True)
     torques = np.abs([

@@ -1,15 +1,16 @@
 """P2 by name: back onto the bilinear surface m = p·f, from a point of a relaxation.
 
-========== ===================================== ======================= ==============================================
-name       keeps                                 frees                   source
-========== ===================================== ======================= ==============================================
-fix-p      p (toes, c and Θ)                     f                       paper E §IV-A, "we use p_b from P1 to solve f"
-fix-f      f                                     toes, c, Θ              paper E §II
-fix-toes   toes in the world                     f, c, Θ                 convex as Σ f is fixed (``terms.Moments``)
-scp        nothing, starts at the toes           all                     fix-toes, then some linearised steps
-nlp        nothing, starts at the point          all                     paper E §IV-A, ``nlp``
-lift-fix-p nothing, then as fix-p                all, then f             the lift of least gap about the point, fix-p
-========== ===================================== ======================= ==============================================
+========== ===================================== =======================
+============================================== name       keeps
+frees                   source ========== =====================================
+======================= ============================================== fix-p      p (toes, c and Θ)
+f                       Lin et al. §IV-A, "we use p_b from P1 to solve f" fix-f      f
+toes, c, Θ              Lin et al. §II fix-toes   toes in the world                     f, c, Θ
+convex as Σ f is fixed (``terms.Moments``) scp        nothing, starts at the toes           all
+fix-toes, then some linearised steps nlp        nothing, starts at the point          all
+Lin et al. §IV-A, ``nlp`` lift-fix-p nothing, then as fix-p                all, then f
+the lift of least gap about the point, fix-p ========== =====================================
+======================= ==============================================
 
 A posture is projected to the least moment residual; a course, whose plans have an objective, to residual zero.
 One of one's own is one function, called as these are; what it says is verified as whatever a planner found.
@@ -117,14 +118,15 @@ def scp(
     """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
 
     worth: of a posture, take no step where the first toes leave more than this; none, either, after one that stalled.
-    deadline: begin no step that would end after it (``time.perf_counter()``), by how long the one before took.
+    deadline: begin no step that would end after it (``time.perf_counter()``), by how long the one before took, and of
+    the first by how long the solve before it took.
     """
     least = scaled.weights is None
     held, step, began = programs.get(FixToes, scaled.layout, False, least), None, time.perf_counter()
     best = point = held.solve(scaled, start)
-    solves, seconds, most = 1, point.seconds, float("inf")
-    for _ in range(steps):
-        took, began = time.perf_counter() - began, time.perf_counter()
+    solves, seconds, most, each = 1, point.seconds, float("inf"), 2 if least else 3
+    for k in range(steps):
+        took, began = (1 if k else each) * (time.perf_counter() - began), time.perf_counter()
         if began + took > deadline:
             break
         vain = least and (not np.isfinite(point.residual) or best.residual > worth or point.residual > most)

@@ -51,7 +51,8 @@ def push_share(plan: Plan) -> float:
 
 
 def steady(plan: Plan, share: float) -> bool:
-    """Whether there are forces in every stance of a plan with which every foot that carries presses so hard.
+    """Tell whether there are forces in every stance of a plan with which every foot that carries
+    presses this hard.
 
     True of a plan for soles, whose points are not feet of their own.
     """

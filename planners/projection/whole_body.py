@@ -70,7 +70,7 @@ class Measured:
 
     @property
     def excess(self) -> tuple[float, float]:
-        """What is too much: of a share above 1, and of what is too near."""
+        """Excess of a share above 1, and of bodies that are too near."""
         return max(self.share - 1.0, 0.0), self.too_near_m
 
     def better(self, other: Measured) -> bool:
@@ -94,7 +94,7 @@ class WholeBodyPlan:
 
     @property
     def details(self) -> dict[str, float]:
-        """The same by name."""
+        """Details by name."""
         before, after = self.before, self.after
         return {
             "torque_steps": float(self.steps), "torque_nm_before": before.torque_nm, "torque_nm": after.torque_nm,
@@ -104,7 +104,8 @@ class WholeBodyPlan:
 
 
 def with_joints(plan: Plan, kinematics: Kinematics | None = None) -> Plan:
-    """The same plan with the joint angles of every key frame, and with forces within torque limits where it finds some.
+    """Add to a plan the joint angles of every key frame, and forces within torque limits where
+    there are some.
 
     Joints and torques may still be beyond what the robot has, and bodies may collide: that is the verifier's to say.
     Raises InvalidInput without pinocchio.
@@ -168,7 +169,7 @@ def _bent(
 
 
 def _friction(plan: Plan) -> float:
-    """How much of its friction a plan may use."""
+    """Share of its friction that a plan may use."""
     return float(plan.provenance.get("friction_share", 1.0))
 
 

@@ -1,4 +1,4 @@
-"""What a plan of the whole body is to keep to: the torques of its joints, and how far bodies are apart."""
+"""Limits on a plan of the whole body: the torques of its joints, and how far bodies are apart."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class WholeBodyLimits:
-    """What a plan of the whole body is to keep to.
+    """Limits on a plan of the whole body.
 
     Arguments:
         torque_nm: no joint may take more, whatever it has itself [Nm]; None: what it has.
@@ -47,9 +47,11 @@ class WholeBodyLimits:
         checked_int(self.steps, "steps", least=0)
 
     def concern(self, robot: Robot) -> bool:
-        """Whether a plan for the robot has to have joints: its file has legs, or torques are asked for."""
+        """Tell whether a plan for the robot has to have joints: its file has legs, or torques are
+        asked for."""
         return robot.source.own or self.torque_nm is not None
 
     def of(self, solver: Kinematics) -> Array:
-        """Of every joint, shape (J,) [Nm]; inf where nothing is known and nothing asked for."""
+        """Torque limit of every joint, shape (J,) [Nm]; inf where nothing is known and nothing
+        asked for."""
         return np.asarray(np.minimum(solver.torque_nm, np.inf if self.torque_nm is None else self.torque_nm))

@@ -2,9 +2,10 @@
 
 About a plan that is exact in its kinematics and balances (bars), to first order, in δq and in c, Θ, p, f:
 
-    c − p + [D(Θ − Θ̄)]× ā + R̄ J̄ δq = r n − ā        feet of the joints at their toes, ā from c to the foot, r its radius
-    Σ f = b,  Σ p̄ × f + (p − p̄) × f̄ = c × b − M        balances (E5, E6) with a residual that costs
-    ±(ḡ + ∂g − l̄ · f − ∂l · f̄) ≤ limit · share          torque of every joint of a leg that carries, l its lever
+    c − p + [D(Θ − Θ̄)]× ā + R̄ J̄ δq = r n − ā        feet of the joints at their toes, ā from c to
+    the foot, r its radius Σ f = b,  Σ p̄ × f + (p − p̄) × f̄ = c × b − M        balances (E5, E6)
+    with a residual that costs ±(ḡ + ∂g − l̄ · f − ∂l · f̄) ≤ limit · share          torque of every
+    joint of a leg that carries, l its lever
 
 with b = w e_z − F and M what is on the body, cones (E10), reach and steps (E11), bounds of joints, distances of bodies
 (``clearance``), and a box about the bars in which this is to be believed. The objective is the course's own, and a
@@ -46,7 +47,8 @@ TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueRows:
-    """Which torques a step looks at: those of every joint of every leg that carries, stance by stance, T of them.
+    """Torques that a step looks at: those of every joint of every leg that carries, stance by
+    stance, T of them.
 
     contact, frame, joint: of each torque, (T,). row, other: (torque, joint of the same leg), (K,); pairs: of all legs'
     joints, shape (2, pairs), and pair: which of them each of the K is.
@@ -79,7 +81,8 @@ class TorqueRows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WholeBodyGiven(Given):
-    """What a step is loaded with: the problem, the point about which it is linearised, and the joints there.
+    """Data that a step is loaded with: the problem, the point about which it is linearised, and the
+    joints there.
 
     angles: shape (M, J) [rad]. limit_nm: of every joint's torque, (J,). wanted: share of it that is well. radius: of
     the trust region.
@@ -141,7 +144,7 @@ class WholeBodyGiven(Given):
         return self.radius * TRUST[name] / (1.0 if name in ("rotation", "joints") else self.scaled.length_m)
 
     def close(self, near: Nearness) -> Nearness:
-        """Those bodies alone that this step may bring nearer to each other than they are to keep."""
+        """Select the bodies that this step may bring nearer to each other than they are to keep."""
         sizes = {"com": self.held.com.size, "rotation": self.held.rotation.size}
         sizes |= {"joints": self.angles.size, "toes": self.held.toes.size}
         units = {"com": self.scaled.length_m, "toes": self.scaled.length_m}
@@ -149,12 +152,13 @@ class WholeBodyGiven(Given):
         return near.within(self.clearance_m, np.repeat(rooms, list(sizes.values())))
 
     def turn_room(self, sign: float) -> Array:
-        """How much farther joints of legs that stand may turn this way since the frame before, (K,)."""
+        """Angle by which joints of legs that stand may still turn this way since the frame before,
+        (K,)."""
         return turn_room(self.angles, standing(self.scaled.layout, tuple(self.solver.legs.tolist())), sign)
 
     @cached_property
     def range_rad(self) -> tuple[Array, Array]:
-        """Where joints may go, shape (M, J) each."""
+        """Ranges of the joints, shape (M, J) each."""
         return joint_ranges(self.solver, self.angles)
 
     @cached_property

@@ -1,1 +1,1 @@
-"""Stage P1 (paper E §III): convex relaxations of the posture problem, for one frame and for many."""
+"""Stage P1 (Lin et al. §III): convex relaxations of the posture problem, for one frame and for many."""

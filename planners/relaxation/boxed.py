@@ -1,4 +1,4 @@
-"""What P1 is loaded with."""
+"""Data that P1 is loaded with."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from .envelope import Corners, Envelope
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boxed(Given):
-    """What P1 is loaded with: boxes over the stance contacts, and which of them a stance may use, (S, E)."""
+    """Data that P1 is loaded with: boxes over the stance contacts, and which of them a stance may
+    use, (S, E)."""
 
     boxes: Sequence[Envelope]
     allowed: Array | None = None
 
     @cached_property
     def corners(self) -> Corners:
-        """Those of the box, or of all boxes."""
+        """Corners of the box, or of all boxes."""
         if len(self.boxes) == 1:
             return self.boxes[0].corners
         parts = zip(*(box.corners for box in self.boxes), strict=True)

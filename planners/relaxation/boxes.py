@@ -48,7 +48,8 @@ def mirrored_box(box: Envelope) -> Envelope:
 
 
 def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
-    """The same envelopes for the legs on the other side: p_y and f_y change their sign, as normals do.
+    """Mirror envelopes for the legs on the other side: p_y and f_y change their sign, as normals
+    do.
 
     robot: whose legs are paired by their shoulders. Raises InvalidInput for a robot that is not symmetric.
     """

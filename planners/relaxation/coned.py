@@ -59,7 +59,7 @@ class Coned(McCormick):
             rows.put(cone[..., 0], rows.columns["margin"], -1.0)
 
     def reference(self, given: Boxed) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         import cvxpy as cp
 
         from ..equilibrium.model import ConicModel
@@ -100,7 +100,8 @@ class Coned(McCormick):
         return np.stack([friction, np.ones_like(friction), np.ones_like(friction)], axis=-1)[:, None, :]
 
     def _moved(self, given: Given) -> Array:
-        """What forces are multiplied by: l and −h of the contacts with cones, times the factors, (2, C, 3, 3)."""
+        """Factors of the forces: l and −h of the contacts with cones, times the factors, (2, C, 3,
+        3)."""
         assert isinstance(given, Boxed)
         ends = np.stack(given.boxes[0].position)[:, self._coned, :, None]
         return np.asarray(SIGNS * ends * self._sides(given.scaled))

@@ -1,4 +1,4 @@
-"""Envelopes: boxes B over [p, f] that a McCormick relaxation is taken over (paper E §III), and their file."""
+"""Envelopes: boxes B over [p, f] that a McCormick relaxation is taken over (Lin et al. §III), and their file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Envelope:
     Raises:
         InvalidInput: for other shapes, and where low exceeds high.
     Source:
-        Paper E §III, B_S.
+        Lin et al. §III, B_S.
     Example:
         >>> import numpy as np
         >>> from stancekit import Envelope
@@ -113,7 +113,8 @@ class Envelope:
         return float(np.log(widths).sum()) if widths.all() else -math.inf
 
     def contains(self, points: Array, *, margin: float = 0.0) -> Array:
-        """Which points [p, f], shape (K, N, 6), lie in the box widened by ``margin``; shape (K,)."""
+        """Tell which points [p, f], shape (K, N, 6), lie in the box widened by ``margin``; shape
+        (K,)."""
         inside = (points >= self.low - margin) & (points <= self.high + margin)
         return np.asarray(inside.all(axis=(-2, -1)))
 
@@ -123,7 +124,8 @@ class Envelope:
 
 
 class Corners(NamedTuple):
-    """What the envelope rows  sign (p_end f + f_end p − m) ≤ sign p_end f_end  and  −x ≤ −low, x ≤ high  need.
+    """Numbers that the envelope rows sign (p_end f + f_end p − m) ≤ sign p_end f_end and −x ≤ −low,
+    x ≤ high need.
 
     p, f, products: times the signs, by corner, contact, j of p and k of f, shapes (4, N, 3, 1), (4, N, 1, 3) and
     (4, N, 3, 3). outward: (2, N, 6). Of several boxes, these stacked.
@@ -151,7 +153,7 @@ class EnvelopeSet:
     Raises:
         InvalidInput: for other shapes, normals that are no unit vectors, no boxes.
     Source:
-        Paper E §III; the binaries of §IV-A.
+        Lin et al. §III; the binaries of §IV-A.
     Example:
         >>> import numpy as np, stancekit
         >>> problems = stancekit.sample("wall-3", 5, rng=0)
@@ -220,7 +222,7 @@ class EnvelopeSet:
         )
 
     def measured_in(self, length_scale_m: float) -> EnvelopeSet:
-        """The same boxes with another length scale."""
+        """Convert the boxes to another length scale."""
         unit = np.array([self.length_scale_m / length_scale_m] * 3 + [1.0] * 3)
         boxes = tuple(Envelope(low=unit * box.low, high=unit * box.high) for box in self.envelopes)
         return replace(self, envelopes=boxes, length_scale_m=length_scale_m)

@@ -1,4 +1,4 @@
-"""McCormick's envelope of m = p f over a box, as rows of a conic program (paper E §III)."""
+"""McCormick's envelope of m = p f over a box, as rows of a conic program (Lin et al. §III)."""
 
 from __future__ import annotations
 

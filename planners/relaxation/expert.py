@@ -1,4 +1,4 @@
-"""The expert's envelopes, by rule of thumb (paper E §IV-A)."""
+"""The expert's envelopes, by rule of thumb (Lin et al. §IV-A)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..robot import Robot, hexapod
 from .envelope import Envelope, EnvelopeSet
 
 CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))
-"""Bounds on f_n, f_y and the vertical shear f_z on a wall, in units of the robot's weight (paper E §IV-A)."""
+"""Bounds on f_n, f_y and the vertical shear f_z on a wall, in units of the robot's weight (Lin et al. §IV-A)."""
 WALKING = ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))
 """The same on the ground."""
 LENGTH_SCALE_M = 0.6

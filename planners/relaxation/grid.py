@@ -1,4 +1,4 @@
-"""m = p f over a grid of cells with a McCormick envelope each: mixed-integer terms in cvxpy (paper E §II, [11]).
+"""m = p f over a grid of cells with a McCormick envelope each: mixed-integer terms in cvxpy (Lin et al. §II, [11]).
 
 Every p_j and f_k is cut into intervals. Over one cell the envelope of m = p f is the hull of the four points
 (p, f, p f) at its corners, so that over the grid
@@ -180,7 +180,7 @@ def of_several_frames(scaled: Scaled) -> Index:
 
 
 def unit_domain(scaled: Scaled) -> Envelope:
-    """[−1, 1] for every p and f of every stance contact (paper E §II), f_n included."""
+    """[−1, 1] for every p and f of every stance contact (Lin et al. §II), f_n included."""
     ends = np.ones((len(scaled.layout.contacts[0]), 6))
     return Envelope(low=-ends, high=ends)
 

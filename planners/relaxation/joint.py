@@ -103,7 +103,7 @@ class JointRelaxation:
         return programs.get(cls, scaled[0].layout).solve_each(scaled, [box for (box,) in boxes], points)
 
     def reference(self, given: Boxed) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import joint  # cvxpy takes a second to import
 
         price = None if self._signed else MARGIN_PRICE

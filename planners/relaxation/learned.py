@@ -1,4 +1,4 @@
-"""What was learned is used on problems like those that it was learned from, and on no others."""
+"""Class and robot of learned things, which are used on such problems and on no others."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..problem import Problem
 
 
 class LearnedFor(Protocol):
-    """What was learned for problems of one class: legs of one robot, in one pair of units."""
+    """Class of problems that something was learned for: legs of one robot, in one pair of units."""
 
     @property
     def robot(self) -> str:
@@ -17,7 +17,7 @@ class LearnedFor(Protocol):
 
     @property
     def legs(self) -> tuple[str, ...]:
-        """Of the contacts, in order."""
+        """Legs of the contacts, in order."""
 
     @property
     def force_scale_n(self) -> float:

@@ -42,7 +42,7 @@ class LeastGap:
         body.steps(toes)
 
     def reference(self, given: Given) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import least_gap  # cvxpy takes a second to import
 
         return least_gap(given.scaled, given.held)

@@ -49,7 +49,7 @@ class LiftAnswer(Relaxed):
 
     @property
     def solved(self) -> bool:
-        """Whether the solver came to an end, one way or the other."""
+        """Tell whether the solver came to an end, one way or the other."""
         return self.status is not ConicStatus.FAILED
 
     @property
@@ -114,7 +114,7 @@ class LiftProgram:
         return self._answer(scaled, solution)
 
     def reference(self, given: Given) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import lift  # cvxpy takes a second to import
 
         return lift(given.scaled, least_moment=self._least)

@@ -1,4 +1,5 @@
-"""How P1's signed margin changes with the box: the envelope theorem on the rows of McCormick's envelope."""
+"""Gradient of P1's signed margin in the box: the envelope theorem on the rows of McCormick's
+envelope."""
 
 from __future__ import annotations
 

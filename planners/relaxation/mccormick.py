@@ -1,4 +1,5 @@
-"""P̄ and P1: a problem without its bilinear constraint, and with McCormick envelopes in its place (paper E §III, §IV-B).
+"""P̄ and P1: a problem without its bilinear constraint, and with McCormick envelopes in its place
+(Lin et al. §III, §IV-B).
 
 The soft form of P1 minimises the signed margin t by which every envelope row is relaxed. It is defined wherever P̄ has
 an answer; t ≤ 0 says that P1 is feasible and t > 0 that it is not, and by how much. Its multipliers give the exact
@@ -38,7 +39,7 @@ Axes = Literal["contact", "world"]
 
 
 class WithoutMoment:
-    """P̄ (paper E §III) of a posture: all constraints but the bilinear one. With m free, E9 constrains nothing.
+    """P̄ (Lin et al. §III) of a posture: all constraints but the bilinear one. With m free, E9 constrains nothing.
 
     inner: of half-spaces of reach the inner set, so that its point is one of the problem's.
     """
@@ -48,7 +49,7 @@ class WithoutMoment:
         self._forces = _terms(self.rows, layout, explicit=False, inner=inner)[2]
 
     def reference(self, given: Given) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import without_moments  # cvxpy takes a second to import
 
         return without_moments(given.scaled, inner=self._inner)
@@ -121,7 +122,7 @@ class McCormick:
         return programs.get(cls, scaled[0].layout).solve_any_of_each(scaled, boxes)
 
     def reference(self, given: Boxed) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import p1, p1_of_modes
 
         if given.allowed is not None:
@@ -129,7 +130,7 @@ class McCormick:
         return p1(given.scaled, given.boxes[0], soft=self._soft, axes=self._axes)
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
-        """P1 over one box (paper E §III): m = p f replaced by McCormick's envelope over it.
+        """P1 over one box (Lin et al. §III): m = p f replaced by McCormick's envelope over it.
 
         box: over the B stance contacts, [p, f] non-dimensional. gradient: also that of the signed margin in the box's
         bounds, from the multipliers. Where the rows are hard the margin of the answer is 0 or inf.
@@ -141,7 +142,7 @@ class McCormick:
         return answer
 
     def solve_hull(self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array) -> RelaxationAnswer:
-        """P1 over the convex hull of a choice among boxes in every stance (paper E §IV-A, mode switching).
+        """P1 over the convex hull of a choice among boxes in every stance (Lin et al. §IV-A, mode switching).
 
         boxes: E of them, each over all stance contacts. allowed: 1 where a stance may use a box, 0 where not, shape (S,
         E). Returns an answer with ``modes``, the shares of the boxes, shape (S, E); a stance is decided where one of

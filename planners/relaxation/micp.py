@@ -43,11 +43,11 @@ EnvelopeUse = Literal["rows", "shrink"]
 
 @dataclass(frozen=True, kw_only=True)
 class MicpGrid:
-    """How m = p f is cut.
+    """Grid that cuts m = p f.
 
     intervals: pieces of every p_j and f_k, a power of two for the encoding "log". cut: "position" leaves f in one
     piece. domain: what is divided where no envelope shrinks it: bounds that the problem implies ("course"), or [−1, 1],
-    paper E's range of every p and f. envelope_use: "rows" adds an envelope's rows to the grid (paper E); "shrink"
+    Lin et al.'s range of every p and f. envelope_use: "rows" adds an envelope's rows to the grid (Lin et al.); "shrink"
     divides the envelope, met with the problem's own bounds. cones: planes around ("outer") or inside them, or "exact";
     None: planes around them for HiGHS, which has none, else exact.
     """
@@ -76,7 +76,8 @@ class MicpGrid:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MicpAnswer:
-    """What the solver claims, its point where it has one with the candidates chosen in it, and its own time [s].
+    """Claim of the solver, its point where it has one with the candidates chosen in it, and its own
+    time [s].
 
     moments: net moments at that point with m = p f, where those of the grid are zero, shape (S, 3).
     """
@@ -207,7 +208,7 @@ def of_layout(layout: Layout, grid: MicpGrid, solver: str) -> tuple[Symbols, Mic
 
 
 def cones_of(grid: MicpGrid, solver: str) -> Cones:
-    """What becomes of second-order cones. Raises InvalidInput for what there is not."""
+    """Treatment of second-order cones. Raises InvalidInput for what there is not."""
     cones = grid.cones or ("outer" if solver == "highs" else "exact")
     if cones not in ("outer", "inner") and not (cones == "exact" and solver != "highs"):
         raise InvalidInput(f"cones: expected outer, inner, or exact for another solver than highs, got {cones!r}")

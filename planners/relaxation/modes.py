@@ -1,4 +1,4 @@
-"""Mode switching (paper E §IV-A, end): envelopes of several terrains, and one binary a posture that says which.
+"""Mode switching (Lin et al. §IV-A, end): envelopes of several terrains, and one binary a posture that says which.
 
 The forces of these boxes are in world axes: "up" on the ground is a normal force and on a wall a shear force, so that
 boxes in contact frames could not tell walking from climbing. A posture is a stance: while one tripod has moved from the
@@ -33,7 +33,7 @@ class Modes:
         names: of the kinds of terrain, in the order in which ``Problem.modes`` counts them (0 ground, 1 wall).
         boxes: as many envelopes; their legs may be mirrored.
     Source:
-        Paper E §IV-A, mode switching.
+        Lin et al. §IV-A, mode switching.
     Example:
         >>> import numpy as np
         >>> from stancekit import Envelope, EnvelopeSet, Modes, sample

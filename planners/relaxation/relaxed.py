@@ -1,4 +1,5 @@
-"""What relaxations answer: shares of vertices, forces, a point rounded from them; the margin of P1 and its proofs."""
+"""Answers of relaxations: shares of vertices, forces, a point rounded from them; the margin of P1
+and its proofs."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ class Relaxed:
 
     @classmethod
     def of(cls, scaled: Scaled, solution: ConicSolution, rows: tuple[Index, Index]) -> Relaxed:
-        """What a program with these variables found. rows: of its forces."""
+        """Values of the variables in a program's solution. rows: of its forces."""
         return cls(
             scaled=scaled, com=solution.value("com"), rotation=solution.value("rotation"),
             weights=unit_shares(scaled, solution.value("weights")), forces=solution.value("forces"), rows=rows,
@@ -104,12 +105,12 @@ class RelaxationAnswer:
 
     @property
     def feasible(self) -> bool:
-        """Whether P1 admits the problem. False also where nothing is known: see ``known``."""
+        """Tell whether P1 admits the problem. False also where nothing is known: see ``known``."""
         return self.margin <= FEASIBLE_MARGIN
 
     @property
     def known(self) -> bool:
-        """Whether the solver came to an end."""
+        """Tell whether the solver came to an end."""
         return not np.isnan(self.margin)
 
     @cached_property
@@ -125,7 +126,7 @@ class RelaxationAnswer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DualBound:
-    """What one solve of P1 tells about every other box over the same posture problem.
+    """Knowledge about every other box over the same posture problem from one solve of P1.
 
     margin: as in ``RelaxationAnswer``; the rest is None where there is none.
     point: [p, f], shape (N, 6), and excess = m − p f, shape (N, 3, 3), indices contact, j, k: a primal solution.
@@ -143,7 +144,8 @@ class DualBound:
 
 
 def doubtful(solution: ConicSolution) -> bool:
-    """Whether the margin is so near to where it counts as feasible that another solver could say otherwise."""
+    """Tell whether the margin is so near to where it counts as feasible that another solver could
+    say otherwise."""
     return solution.solved and abs(float(solution.value("margin")[0]) - FEASIBLE_MARGIN) < NEAR
 
 

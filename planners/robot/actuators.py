@@ -1,4 +1,5 @@
-"""What turns the joints, as data: how much torque for a moment, how much for ever, how fast, and how soon it is hot.
+"""Actuators of joints, as data: how much torque for a moment, how much for ever, how fast, and how
+soon it is hot.
 
 A file ``stancekit/actuators/1``, YAML or JSON, says which joint has which: ``joints`` maps names, or patterns such as
 ``*_knee``, to names of ``actuators``, those of the file or those that come with the package; the first that fits is it.
@@ -65,7 +66,8 @@ class ActuatorModel:
 
     @classmethod
     def of_joint(cls, joint: Joint) -> ActuatorModel:
-        """What a URDF says of a joint: ``effort`` and ``velocity``. Raises InvalidInput where it lacks one."""
+        """Actuator that the URDF describes for a joint: ``effort`` and ``velocity``. Raises
+        InvalidInput where it lacks one."""
         if joint.torque_nm <= 0.0:
             raise InvalidInput(f"joint {joint.name}: expected a torque limit above 0 Nm, got {joint.torque_nm:g}")
         if joint.velocity_rad_s <= 0.0:
@@ -84,7 +86,7 @@ POSITIVE = ("stall_nm", "continuous_nm", "no_load_rad_s", "gear", "thermal_s", "
 
 @dataclass(frozen=True, kw_only=True)
 class Actuators:
-    """Which joint has which actuator; joints: names or patterns, the first that fits counts."""
+    """Table of the actuators of joints; joints: names or patterns, the first that fits counts."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -108,12 +110,13 @@ class Actuators:
         return {**builtin_actuators(), **self.actuators}
 
     def of(self, joints: Sequence[str]) -> tuple[ActuatorModel, ...]:
-        """Of each of these joints. Raises InvalidInput for joints that have none, and for patterns of no joint."""
+        """Actuators of these joints, one each. Raises InvalidInput for joints that have none, and
+        for patterns of no joint."""
         known = self.known
         return tuple(known[name] for name in self.names(joints))
 
     def names(self, joints: Sequence[str]) -> tuple[str, ...]:
-        """What the actuators of these joints are called. Raises InvalidInput as ``of`` does."""
+        """Names of the actuators of these joints. Raises InvalidInput as ``of`` does."""
         fits = {joint: [p for p in self.joints if fnmatchcase(joint, p)] for joint in joints}
         lacks = [joint for joint, patterns in fits.items() if not patterns]
         if lacks:
@@ -126,7 +129,8 @@ class Actuators:
 
 @cache
 def builtin_actuators() -> Mapping[str, ActuatorModel]:
-    """Those that come with the package, by name: ``configs/actuators.yaml``, every number with its source."""
+    """Actuators that come with the package, by name: ``configs/actuators.yaml``, every number with
+    its source."""
     text = resources.files("stancekit.configs").joinpath("actuators.yaml").read_text(encoding="utf-8")
     data = parse_yaml(text, "actuators.yaml")
     models = {name: validated(ActuatorModel, each, f"actuators.yaml: {name}") for name, each in data.items()}
@@ -134,7 +138,8 @@ def builtin_actuators() -> Mapping[str, ActuatorModel]:
 
 
 def read_actuators(what: str | Path) -> Actuators:
-    """Of a name, all joints have that one; or of a file. Raises InvalidInput with all that is wrong."""
+    """Read actuators of a name, which all joints then have, or of a file. Raises InvalidInput with
+    all that is wrong."""
     name = str(what)
     if name in builtin_actuators():
         return Actuators(joints={"*": name})

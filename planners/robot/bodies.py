@@ -1,4 +1,4 @@
-"""Which of a robot's links are inside each other or inside the terrain, and how deep (coal, extra ``kin``).
+"""Links that are inside each other or inside the terrain, and their depth (coal, extra ``kin``).
 
 Links are the shapes that their file says they collide with, meshes by their convex hulls, and where a hull is much
 larger than its mesh and near to something, by convex parts. Pairs whose boxes some axis of either keeps apart are clear
@@ -116,15 +116,16 @@ class Bodies:
         self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
 
     def overlaps(self, body: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M) -> tuple[Overlap, ...]:
-        """What is deeper than ``terrain_m`` in the terrain, and than ``links_m`` in another link, below 0 what is as
-        near to it; the deepest first. A foot may touch what it stands on."""
+        """Find overlaps deeper than ``terrain_m`` in the terrain, and than ``links_m`` in another
+        link, below 0 whatever is as near to it; the deepest first. A foot may touch what it stands
+        on."""
         found = [each for _, each in self._swept(body.moments, terrain_m, links_m, between=False)]
         return tuple(sorted(found, key=lambda each: -each.depth_m))
 
     def sweep(
         self, bodies: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M, between: bool = True
     ) -> Iterator[tuple[int, list[tuple[float, Overlap]]]]:
-        """The same of T postures, block by block.
+        """Find the overlaps of T postures, block by block.
 
         bodies: a motion, on which joints turn evenly and the base goes straight from one moment to the next. between:
         whether what is deep nowhere but on the way from one moment to the next is found, too: in other links, and in
@@ -141,8 +142,9 @@ class Bodies:
             begin = end
 
     def near(self, bodies: WholeBody, within_m: float) -> list[tuple[int, Near]]:
-        """What is nearer to each other than this, of the pairs that ``overlaps`` looks at, with the number of its
-        moment; of the terrain's convex parts alone, and of feet but those that they do not stand on."""
+        """Find the bodies that are nearer to each other than this, of the pairs that ``overlaps``
+        looks at, with the number of its moment; of the terrain's convex parts alone, and of feet
+        but those that they do not stand on."""
         found = list[tuple[int, Near]]()
         for begin in range(0, len(bodies), BLOCK):
             block = bodies.at(slice(begin, begin + BLOCK))
@@ -157,8 +159,8 @@ class Bodies:
         return found
 
     def depth(self, overlap: Overlap, body: WholeBody) -> float:
-        """How deep the link of an overlap is inside the same other thing in another posture, negative outside [m]; of
-        the terrain the ground alone."""
+        """Depth of the link of an overlap inside the same other thing in another posture, negative
+        outside [m]; of the terrain the ground alone."""
         one = body.moments
         world = self._in_world(one, self._placed(one.angles))
         own, others = ([k for k, link in enumerate(self.links) if link == n] for n in (overlap.link, overlap.other))
@@ -185,8 +187,8 @@ class Bodies:
         return np.asarray(origins + (turns @ self._middles[:, :, None])[..., 0])
 
     def _ways(self, placed: tuple[Array, Array]) -> Array:
-        """How far points of shapes go from one moment to the next at most, shape (T − 1, S) [m]; of balls it is their
-        centres that count."""
+        """Longest way of points of shapes from one moment to the next, shape (T − 1, S) [m]; of
+        balls it is their centres that count."""
         turns, origins = placed
         ends = origins[:, :, None] + self._corners @ np.swapaxes(turns, -1, -2)
         moved = np.diff(ends, axis=0)
@@ -195,7 +197,7 @@ class Bodies:
     def _swept(
         self, bodies: WholeBody, terrain_m: float, links_m: float, *, between: bool
     ) -> Iterator[tuple[float, Overlap]]:
-        """What is too deep at some moment, or between two."""
+        """Overlaps that are too deep at some moment, or between two."""
         placed = self._placed(bodies.angles)
         world = self._in_world(bodies, placed)
 
@@ -270,7 +272,8 @@ class Bodies:
         self, placed: tuple[Array, Array], pairs: NDArray[np.int_], bounds: Bounds, limits_m: tuple[float, float],
         between: Callable[[Index, Array], tuple[Array, Array]] | None, *, terrain: bool,
     ) -> Iterator[tuple[float, int, float]]:  # fmt: skip
-        """Which pairs are deeper than that, at which moments and, where that is known, where between two; and how deep.
+        """Find the pairs that are deeper than that, at which moments and, where that is known,
+        where between two; and how deep.
 
         limits_m: how deep; on ways as deep as the second of them at least. between: where shapes are between a moment
         and the next.
@@ -320,7 +323,8 @@ class Bodies:
         return np.asarray(origins[:, :, None] + self._corners[shapes] @ np.swapaxes(turns, -1, -2))
 
     def _below(self, bodies: WholeBody, world: tuple[Array, Array], terrain_m: float) -> Iterator[tuple[int, Overlap]]:
-        """What is deeper than that in ground of heights, and whose middle is inside of a closed surface."""
+        """Links that are deeper than that in ground of heights, and links whose middle is inside of
+        a closed surface."""
         middles = self._middle(world)
         if self._in_ground is not None:
             reach = (np.abs(world[0]) @ self._halves[:, :, None])[..., 0]
@@ -336,7 +340,7 @@ class Bodies:
     def _measured_near(
         self, world: tuple[Array, Array], pairs: NDArray[np.int_], bounds: Bounds, within_m: float, *, terrain: bool
     ) -> list[tuple[int, int, Near]]:
-        """Those that are nearer, as moment, pair and what is known of them."""
+        """Pairs that are nearer, as moment, pair and distance."""
         found = list[tuple[int, int, Near]]()
         numbers, apart_m = pairs.tolist(), self._distances(world, terrain=terrain)
 
@@ -358,7 +362,8 @@ class Bodies:
         return found
 
     def _stand_on(self, bodies: WholeBody, pairs: NDArray[np.int_]) -> NDArray[np.bool_]:
-        """Which shapes are feet of limbs that stand on a face of a part of the terrain, shape (T, K)."""
+        """Tell which shapes are feet of limbs that stand on a face of a part of the terrain, shape
+        (T, K)."""
         found = np.zeros((len(bodies), len(pairs)), dtype=bool)
         for k, (shape, part) in enumerate(pairs.tolist()):
             limb, solid = self._foot[shape], self._terrain.convex[part].solid
@@ -461,7 +466,7 @@ class _Parts:
 
     @classmethod
     def of(cls, parts: Sequence[tuple[Any, Array]]) -> _Parts:
-        """Of geometry and corners of each."""
+        """Parts with the geometry and corners of each."""
         middles = np.array([corners.mean(axis=0) for _, corners in parts]).reshape(-1, 3)
         radii = [np.linalg.norm(each - middle, axis=1).max() for (_, each), middle in zip(parts, middles, strict=True)]
         return cls(geometry=tuple(each for each, _ in parts), middles=middles, radii=np.array(radii))
@@ -472,7 +477,7 @@ class _Parts:
         return cls(geometry=(geometry,), middles=np.zeros((1, 3)), radii=np.array([np.inf]))
 
     def placed(self, turn: Array, origin: Array) -> _Parts:
-        """The same with the shape at a place."""
+        """Parts with the shape at a place."""
         return replace(self, middles=self.middles @ turn.T + origin)
 
 
@@ -489,7 +494,7 @@ class _Faces:
 
 
 def _faces(solids: Sequence[Solid]) -> list[_Faces]:
-    """Of all parts."""
+    """Faces of all parts."""
     counts = np.array([len(solid.normals) for solid in solids], dtype=int)
     return [
         _Faces(
@@ -501,7 +506,7 @@ def _faces(solids: Sequence[Solid]) -> list[_Faces]:
 
 
 def _on_carriers(mounts: Sequence[Mount], shapes: Sequence[Shape]) -> tuple[Array, Array]:
-    """Where shapes are on the bodies that carry their links, shapes (S, 3, 3) and (S, 3) [m]."""
+    """Places of shapes on the bodies that carry their links, shapes (S, 3, 3) and (S, 3) [m]."""
     turns = [mount.rotation @ shape.rotation for mount, shape in zip(mounts, shapes, strict=True)]
     origins = [mount.origin_m + mount.rotation @ shape.origin_m for mount, shape in zip(mounts, shapes, strict=True)]
     return np.array(turns).reshape(-1, 3, 3), np.array(origins).reshape(-1, 3)
@@ -523,7 +528,8 @@ def _box(geometry: Any) -> tuple[Array, Array]:
 
 
 def _neighbours(known: Any, one: int, other: int) -> bool:
-    """Whether two joints of pinocchio's carry the same body, or bodies that one of them joins."""
+    """Tell whether two joints of pinocchio's carry the same body, or bodies that one of them joins.
+    """
     return one == other or known.parents[one] == other or known.parents[other] == one
 
 

@@ -42,7 +42,7 @@ def sets_of(robot: Robot) -> Sets | None:
 
 
 def _same_reach(one: Robot, other: Robot) -> bool:
-    """Whether the toes of both are in the same sets, to the rounding of a file."""
+    """Tell whether the toes of both are in the same sets, to the rounding of a file."""
     numbers = [(_numbers(mine), _numbers(its)) for mine, its in zip(one.limbs, other.limbs, strict=True)]
     return all(mine.shape == its.shape and np.allclose(mine, its, rtol=0.0, atol=SAME_M) for mine, its in numbers)
 

@@ -1,4 +1,4 @@
-"""What a leg touches with: the shape at its end, where that is a ball, or what a person says it is.
+"""Contact shapes of legs: the shape at its end, where that is a ball, or what a person says it is.
 
 A foot is the shape of the leg's last body that is farthest from the last joint, whichever link of that body it is on.
 A ball touches at any attitude a radius below its centre, and so does the end of a capsule; meshes of balls are read as
@@ -61,8 +61,9 @@ class PlacedShape:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Touch:
-    """What touches: a ball of radius_m about centre_m in the last joint's frame, shape (3,) [m], on a link. index: the
-    number of its shape; doubt: why nobody knows, in which case the rest is that of a point at the farthest end."""
+    """Shape that touches: a ball of radius_m about centre_m in the last joint's frame, shape (3,)
+    [m], on a link. index: the number of its shape; doubt: why nobody knows, in which case the rest
+    is that of a point at the farthest end."""
 
     link: str
     centre_m: Array
@@ -96,7 +97,8 @@ def placed_shapes(shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Arr
 
 
 def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
-    """What a leg whose last body has these shapes touches with; None for a body without shapes."""
+    """Shape with which a leg touches whose last body has these shapes; None for a body without
+    shapes."""
     balls, others = list[tuple[float, Touch]](), list[tuple[float, Touch]]()
     unread = [piece.shape for piece in pieces if piece.shape.kind == "mesh" and piece.shape.corners_m is None]
     for piece in pieces:
@@ -151,8 +153,9 @@ def _balls(shape: Shape, rotation: Array, origin_m: Array, fits: Fits) -> tuple[
 
 
 def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | None) -> bool:
-    """Whether the hull of points, shape (V, 3) [m], ends where a ball does in all directions in which that may touch:
-    those within ``TOUCHING_RAD`` of a unit vector, shape (3,), all of them where it is None."""
+    """Tell whether the hull of points, shape (V, 3) [m], ends where a ball does in all directions
+    in which that may touch: those within ``TOUCHING_RAD`` of a unit vector, shape (3,), all of them
+    where it is None."""
     z = 1.0 - (2.0 * np.arange(DIRECTIONS) + 1.0) / DIRECTIONS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(DIRECTIONS)  # Fibonacci's lattice
     flat = np.sqrt(1.0 - z**2)
@@ -164,7 +167,8 @@ def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | N
 
 
 def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
-    """Whether a leg's foot is this shape: a ball, or a capsule with its end, at the leg's own end."""
+    """Tell whether a leg's foot is this shape: a ball, or a capsule with its end, at the leg's own
+    end."""
     mount = mounts[shape.link]
     if shape.kind not in ("sphere", "capsule") or abs(float(shape.size_m[0]) - leg.radius_m) > SAME_M:
         return False

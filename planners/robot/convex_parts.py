@@ -108,7 +108,7 @@ def _parts(whole: _Cell, axes: tuple[int, ...], most: int) -> list[_Cell]:
 
 
 def _behind(triangles: Array, axis: int, place: float, sign: float) -> Array:
-    """What of triangles is where sign · x ≤ sign · place, as triangles, shape (F, 3, 3)."""
+    """Parts of triangles where sign · x ≤ sign · place, as triangles, shape (F, 3, 3)."""
     height = sign * (triangles[:, :, axis] - place)
     inside = height <= 0.0
     count = inside.sum(axis=1)

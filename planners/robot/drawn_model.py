@@ -26,7 +26,7 @@ def drawn_model(name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo) 
 
 @lru_cache(maxsize=16)  # a run asks for the model of its robot half a dozen times
 def _drawn_up(urdf: str, name: str, reaches: tuple[tuple[str, float], ...], servo: Servo) -> RobotModel:
-    """Read from its text, standing as in paper E's ground problems: feet outward of their shoulders and below them.
+    """Read from its text, standing as in Lin et al.'s ground problems: feet outward of their shoulders and below them.
 
     reaches: names of the limbs and how far they reach [m].
     """

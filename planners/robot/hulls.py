@@ -168,11 +168,12 @@ def with_known_hulls(shapes: Sequence[Shape], hulls: Mapping[int, Sequence[Array
 
 
 def _fills(parts: Sequence[Array], corners: Array) -> bool:
-    """Whether parts are inside a hull and have all of its corners, as nearly as they are known."""
+    """Tell whether parts are inside a hull and have all of its corners, as nearly as they are
+    known."""
     from scipy.spatial import ConvexHull
 
     def outside(points: Array, of: Array) -> Array:
-        """How far points are outside of a hull, shape (P,) [m]."""
+        """Distance of points outside a hull, shape (P,) [m]."""
         faces = ConvexHull(of).equations
         return np.asarray((points @ faces[:, :3].T + faces[:, 3]).max(axis=1))
 

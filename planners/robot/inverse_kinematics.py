@@ -121,7 +121,7 @@ class LegPostures:
 
     @property
     def reached(self) -> np.ndarray:
-        """Which feet are where they should be, shape (K, N)."""
+        """Tell which feet are where they should be, shape (K, N)."""
         return np.asarray(self.error_m <= REACHED_M)
 
 

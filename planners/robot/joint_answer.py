@@ -1,4 +1,4 @@
-"""What inverse kinematics answers for one posture."""
+"""Answer of inverse kinematics for one posture."""
 
 from __future__ import annotations
 

@@ -94,7 +94,8 @@ class Kinematics:
         return self._configured(angles).copy()
 
     def _configured(self, angles: ArrayLike) -> Array:
-        """The same, which nobody may change; the posture that was asked for last is not looked up again."""
+        """Configuration of pinocchio for these angles, read-only; the posture that was asked for
+        last is not looked up again."""
         angles = np.asarray(angles, dtype=np.float64)
         if (asked := angles.tobytes()) == self._set:
             return self._q
@@ -108,7 +109,8 @@ class Kinematics:
 
     @property
     def drawn(self) -> bool:
-        """Whether its legs are drawn up: four joints each, whose postures have a closed form."""
+        """Tell whether its legs are drawn up: four joints each, whose postures have a closed form.
+        """
         return self.model.servo is not None
 
     def joints_of(self, leg: int) -> NDArray[np.int_]:
@@ -219,7 +221,8 @@ class Kinematics:
         return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
 
     def _step(self, jacobian: Array, gap: Array, drawn: Array, farthest: float) -> Array:
-        """Of the joints, that brings feet this far and draws joints so far where it does not move them, shape (J,).
+        """Step of the joints that brings feet this far and draws joints this far where it does not
+        move them, shape (J,).
 
         farthest: the largest entry of the gap [m].
         """
@@ -230,7 +233,8 @@ class Kinematics:
         return np.asarray(found.reshape(-1) if self._even else found[self.legs, self._nth, 0])
 
     def beyond(self, angles: Array) -> Array:
-        """How far joints are beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint slides]."""
+        """Distance of joints beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint
+        slides]."""
         return np.asarray(np.maximum(np.maximum(angles - self.highest_rad, self.lowest_rad - angles), 0.0))
 
     def feet(self, angles: Array) -> Array:
@@ -274,7 +278,7 @@ class Kinematics:
         return np.array(self._turns)
 
     def com_offset(self, angles: Array) -> Array:
-        """The whole robot's centre of mass in the base's frame, shape (3,) [m]: paper E takes it for ``origin_m``."""
+        """The whole robot's centre of mass in the base's frame, shape (3,) [m]: Lin et al. take it for ``origin_m``."""
         return np.array(self._pin.centerOfMass(self.known, self._masses, self._configured(angles)))
 
     def torques(self, angles: Array, rotation: Array, forces_n: Array) -> Array:
@@ -285,12 +289,13 @@ class Kinematics:
         return self.torques_of(self.loads(angles, rotation), forces_n)
 
     def torques_of(self, loads: tuple[Array, Array], forces_n: Array) -> Array:
-        """The same from ``loads``, which many forces share."""
+        """Torques as of ``torques``, from ``loads``, which many forces share."""
         weight, levers = loads
         return np.asarray(weight - (levers * forces_n[self.legs]).sum(axis=1))
 
     def loads(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
-        """What torques at rest are made of: τ_j = g_j − levers_j · f of the joint's own foot, f in the world frame.
+        """Parts of the torques at rest: τ_j = g_j − levers_j · f of the joint's own foot, f in the
+        world frame.
 
         Returns g, shape (J,) [Nm], and levers, shape (J, 3) [m].
         """
@@ -313,7 +318,8 @@ class Kinematics:
         return np.array(slopes[np.ix_(self.columns, self.columns)]), turned
 
     def inertial_torques(self, angles: Array, velocity: Array, acceleration: Array) -> Array:
-        """What the legs' own masses take while the base is still and nothing weighs, shape (J,) [Nm]."""
+        """Torques that the legs' own masses take while the base is still and nothing weighs, shape
+        (J,) [Nm]."""
         known, pin = self.known, self._pin
         rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
         rates[self._column], pushed[self._column] = velocity, acceleration

@@ -102,11 +102,12 @@ class Leg:
 
     @property
     def turns(self) -> np.ndarray:
-        """Which joints turn freely: their limits are a whole turn apart, and every angle is within them, shape (n,)."""
+        """Tell which joints turn freely: their limits are a whole turn apart, and every angle is
+        within them, shape (n,)."""
         return np.array([not joint.slides and joint.upper_rad - joint.lower_rad > FULL_TURN for joint in self.joints])
 
     def wrapped(self, angles: Array) -> Array:
-        """The same postures with joints that turn freely between their limits again, shape (K, n)."""
+        """Turn joints that turn freely between their limits again, shape (K, n)."""
         return np.where(self.turns, self.lower_rad + np.mod(angles - self.lower_rad, 2.0 * np.pi), angles)
 
     @property

@@ -1,4 +1,4 @@
-"""Where a robot's legs are: chains of joints under the base that reach lower than the others.
+"""Legs of a robot: chains of joints under the base that reach lower than the others.
 
 Nothing has to be said of a usual robot. One chain is looked at for each child of the base, the one with most joints; a
 leg is a chain whose feet go below LOW times what the lowest chain's do (arms and heads do not); its foot is the link
@@ -97,7 +97,8 @@ def legs_of(
 
 
 def _contacts(ends: Mapping[str, _End], contacts: Mapping[str, FootContact]) -> dict[str, FootContact]:
-    """What a person says of each leg, by its name; later patterns win. Raises InvalidInput for one that fits no leg."""
+    """Contact that a person gives each leg, by its name; later patterns win. Raises InvalidInput
+    for one that fits no leg."""
     owners = {**{end.foot: name for name, end in ends.items()}, **{name: name for name in ends}}
     found = dict[str, FootContact]()
     for pattern, contact in contacts.items():
@@ -132,8 +133,8 @@ class _Tree:
         self._in_base = [base.actInv(data.oMi[j]) for j in range(model.njoints)]
 
     def lowest_chains(self) -> tuple[list[_End], list[_End], list[str]]:
-        """Those that are legs, those that reach as low and are arms, and what of this a person has to settle. Raises
-        InvalidInput where there are none."""
+        """Chains that are legs, chains that reach as low and are arms, and the points of this that
+        a person has to settle. Raises InvalidInput where there are none."""
         parents = list(self._model.parents)
         leaves = [j for j in range(self._base + 1, len(parents)) if j not in parents]
         ends = [self._end(self._support(leaf)) for leaf in leaves if self._base in self._model.supports[leaf]]
@@ -174,11 +175,12 @@ class _Tree:
         return [] if len(left) < 2 else [*named, *odd]
 
     def _in_middle(self, end: _End) -> bool:
-        """Whether a chain begins in the plane between left and right."""
+        """Tell whether a chain begins in the plane between left and right."""
         return abs(float(self._in_base[end.joints[0]].translation[1])) < ALIKE * self._length(end)
 
     def _lying(self, ends: Sequence[_End], legs: Sequence[_End]) -> list[str]:
-        """Whether z seems not to point up: chains made as the legs are that do not go down, or legs that go up."""
+        """Reasons to think that z does not point up: chains made as the legs are that do not go
+        down, or legs that go up."""
         twins = [end for end in ends if end not in legs and any(self._alike(end, leg) for leg in legs)]
         firsts = {end.joints[0] for end in legs}
         twins = [end for end in twins if end.joints[0] not in firsts]
@@ -195,11 +197,11 @@ class _Tree:
         return []
 
     def _called(self, end: _End, word: re.Pattern[str]) -> bool:
-        """Whether a name of a chain's joints, or of its last link, has a word in it."""
+        """Tell whether a name of a chain's joints, or of its last link, has a word in it."""
         return any(word.search(name) for name in (*end.names, end.foot))
 
     def _alike(self, one: _End, other: _End) -> bool:
-        """Whether two chains have as many joints and are as long."""
+        """Tell whether two chains have as many joints and are as long."""
         a, b = self._length(one), self._length(other)
         return len(one.joints) == len(other.joints) and abs(a - b) <= ALIKE * max(a, b)
 
@@ -261,7 +263,8 @@ class _Tree:
         )  # fmt: skip
 
     def _depth(self, end: _End) -> float:
-        """How low the chain's end goes, from the base's origin or from its lowest hip, whichever is higher [m]."""
+        """Depth of the chain's end below the base's origin or its lowest hip, whichever is higher
+        [m]."""
         leg, _ = self.leg("", end)
         feet = leg.chain.feet(leg.random_angles(SAMPLES, np.random.default_rng(0)))
         return float(feet[:, 2].min()) - max(0.0, min(float(self._in_base[j].translation[2]) for j in self._firsts()))
@@ -270,7 +273,7 @@ class _Tree:
         return [j for j in range(self._base + 1, self._model.njoints) if self._model.parents[j] == self._base]
 
     def _longest(self, ends: list[_End]) -> _End:
-        """Of the ends of one child of the base."""
+        """Longest of the ends of one child of the base."""
         return max(ends, key=lambda end: (len(end.joints), self._length(end)))
 
     def _second(self, ends: list[_End]) -> _End | None:
@@ -322,7 +325,7 @@ class _Tree:
         )  # fmt: skip
 
     def _touch(self, end: _End, contact: FootContact | None) -> Touch:
-        """What the leg touches with, in the last joint's frame."""
+        """Shape with which the leg touches, in the last joint's frame."""
         body = [frame for frame in self._bodies if frame.parentJoint == end.joints[-1]]
         places = {
             frame.name: (np.array(frame.placement.rotation), np.array(frame.placement.translation)) for frame in body
@@ -372,6 +375,6 @@ def _ending(end: _End) -> str:
 
 
 def _shared(names: Sequence[str]) -> str:
-    """What all names begin with."""
+    """Beginning that all names share."""
     same = takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
     return "".join(letters[0] for letters in same)

@@ -1,4 +1,5 @@
-"""Where a robot's legs come from: its own file, its limbs, which have legs drawn up for them, or nowhere.
+"""Sources of a robot's legs: its own file, its limbs, which have legs drawn up for them, or
+nowhere.
 
 There is one class for each, and every question whose answer depends on legs is a method of it: callers ask
 ``robot.source`` and do not look which of them it is.
@@ -32,7 +33,7 @@ def no_legs(name: str) -> InvalidInput:
 
 
 class LegSource(ABC):
-    """What is known of the legs of one robot.
+    """Knowledge about the legs of one robot.
 
     own: whether legs and reach are those of a file, so that plans keep to inner sets of the legs and have joints,
     and proofs are over outer sets.
@@ -138,7 +139,7 @@ class OwnLegs(LegSource):
 
     @property
     def origin_m(self) -> Array:
-        """The centre of mass of the standing robot, which paper E takes for the body's origin."""
+        """The centre of mass of the standing robot, which Lin et al. take for the body's origin."""
         return self.model.body.com_m
 
     @property
@@ -220,7 +221,7 @@ class NoLegs(LegSource):
 
     @property
     def foot_radii_m(self) -> Array:
-        """Those of feet that are drawn up, or 0."""
+        """Radii of feet that are drawn up, or 0."""
         return np.zeros(self.limbs) if self.point else super().foot_radii_m
 
     @property
@@ -230,7 +231,7 @@ class NoLegs(LegSource):
 
     @property
     def hindrance(self) -> str:
-        """The same reason as everywhere."""
+        """Reason why there are no legs, in the same words everywhere."""
         return str(no_legs(self.name))
 
     def to_json(self) -> dict[str, Any]:

@@ -38,7 +38,7 @@ class LegLimits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limb:
-    """One limb: its shoulder in the body frame (paper E's v, E11) and the radius of its spherical workspace.
+    """One limb: its shoulder in the body frame (Lin et al.'s v, E11) and the radius of its spherical workspace.
 
     Arguments:
         name: a word.
@@ -54,7 +54,7 @@ class Limb:
     Raises:
         InvalidInput: for another name, a wrong shape, a reach that is not positive.
     Source:
-        Paper E §II, E11.
+        Lin et al. §II, E11.
     Example:
         >>> from stancekit import Limb
         >>> Limb(name="LF", shoulder_m=[0.2, 0.1, 0.0], reach_m=0.4).shoulder_m.shape
@@ -79,5 +79,5 @@ class Limb:
             object.__setattr__(self, "hip_m", read_only(self.hip_m, (3,), f"limb {self.name}: hip_m"))
 
     def hip_at(self, shoulder_m: Array) -> Array:
-        """Where the leg begins when its shoulder is here, shape (3,) [m]."""
+        """Place where the leg begins when its shoulder is here, shape (3,) [m]."""
         return shoulder_m if self.hip_m is None else np.asarray(shoulder_m + self.hip_m - self.shoulder_m)

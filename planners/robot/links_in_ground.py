@@ -1,4 +1,5 @@
-"""How deep links are in ground that is given by heights: points all over their hulls, by the ground's own spline."""
+"""Depth of links in ground that is given by heights: points all over their hulls, by the ground's
+own spline."""
 
 from __future__ import annotations
 
@@ -46,5 +47,5 @@ class LinksInGround:
                 yield t, shape, depth
 
     def depth(self, turns: Array, origins: Array, shape: int) -> float:
-        """How deep a shape is [m]."""
+        """Depth of a shape in the ground [m]."""
         return float(self.ground.depth(self._surfaces[shape] @ turns[shape].T + origins[shape]).max())

@@ -89,7 +89,7 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
 def kept(
     said: bytes, make: Callable[[], dict[str, Any] | None], read: Callable[[Mapping[str, Array]], Value]
 ) -> Value | None:
-    """What is read out of arrays that were kept for a mesh, or else made, and kept; None where there are none.
+    """Read arrays that were kept for a mesh, or else make and keep them; None where there are none.
 
     said: the mesh's file, and what is made of it. make: the arrays. read: raises InvalidInput, KeyError or ValueError
     for arrays that are damaged, which are made anew.
@@ -130,7 +130,8 @@ def unseen(shapes: Sequence[Shape], most: int) -> list[str]:
 
 
 def _checked(vertices: Any, faces: Any) -> Triangles:
-    """What was kept. Raises InvalidInput for a file that something else has written."""
+    """Check the triangles that were kept. Raises InvalidInput for a file that something else has
+    written."""
     points = read_only(vertices, (None, 3), "vertices")
     whole = faces.ndim == 2 and faces.shape[1] == 3 and faces.dtype.kind == "i"
     if not whole or not np.all((faces >= 0) & (faces < len(points))):

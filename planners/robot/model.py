@@ -1,4 +1,4 @@
-"""What a planner needs to know of a robot: its mass, and where its limbs begin and how far they reach."""
+"""Robots as planners see them: mass, and where limbs begin and how far they reach."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SAME = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _RobotKeys:
+class _RobotNumbers:
     """The keys of a robot: its limbs, and what makes its legs.
 
     name: a word. mass_kg: of all of it. limbs: one or more. identity: of the model that it is of. model: of its own
@@ -90,7 +90,7 @@ class Robot:
         InvalidInput: for a mass that is not positive, no limbs, two of one name, a model of another mass or of other
             legs, or drawn legs beside a model.
     Source:
-        Paper E §II.
+        Lin et al. §II.
     Example:
         >>> from stancekit import Limb, Robot
         >>> limbs = [Limb(name=f"L{k}", shoulder_m=[0.1 * k, 0.1, 0.0], reach_m=0.4) for k in range(3)]
@@ -98,7 +98,7 @@ class Robot:
         ('L0', 'L1', 'L2')
     """
 
-    KEYS: ClassVar = _RobotKeys
+    KEYS: ClassVar = _RobotNumbers
 
     name: str
     mass_kg: float
@@ -143,7 +143,7 @@ class Robot:
             object.__setattr__(self, "drawn", Servo())
 
     def _is_hexapod(self) -> bool:
-        """Whether name and limbs are those of the default hexapod, whatever it carries."""
+        """Tell whether name and limbs are those of the default hexapod, whatever it carries."""
         if self.name != HEXAPOD or len(self.limbs) != len(own := _hexapod_limbs()):
             return False
         return all(_same_limb(limb, other) for limb, other in zip(self.limbs, own, strict=True))
@@ -172,7 +172,7 @@ class Robot:
 
     @property
     def source(self) -> LegSource:
-        """Where its legs come from: its own file, drawn-up ones, or nowhere."""
+        """Source of its legs: its own file, drawn-up ones, or nowhere."""
         if self.model is not None:
             return OwnLegs(self.model)
         if self.drawn is not None:
@@ -189,8 +189,8 @@ class Robot:
         return self.source.legs()
 
     def sets(self, which: Sets) -> Robot:
-        """The same robot over the inner sets of its legs, which they surely reach, or over the outer ones, which hold
-        all that they might reach.
+        """Robot over the inner sets of its legs, which they surely reach, or over the outer ones,
+        which hold all that they might reach.
 
         Raises InvalidInput for a robot without legs of its own, and for a leg without a workspace that has an inside.
         """
@@ -216,7 +216,7 @@ class Robot:
     def origin_m(self) -> Array:
         """p_BO, the origin that limbs are given from, in the base of the robot's legs, shape (3,) [m].
 
-        Of a model it is the centre of mass as it stands, which paper E takes for the body's origin; else it is 0.
+        Of a model it is the centre of mass as it stands, which Lin et al. take for the body's origin; else it is 0.
         """
         return self.source.origin_m
 
@@ -250,7 +250,7 @@ def hexapod() -> Robot:
     Returns:
         A ``Robot`` with the limbs LF, LM, LR, RF, RM, RR.
     Source:
-        Paper E §IV-B.
+        Lin et al. §IV-B.
     Example:
         >>> from stancekit import hexapod
         >>> hexapod().mass_kg, len(hexapod().limbs)
@@ -274,7 +274,7 @@ def _hexapod_limbs() -> tuple[Limb, ...]:
 
 
 def _same_limb(one: Limb, other: Limb) -> bool:
-    """Whether both have one name, shoulder and ball of reach, and nothing else."""
+    """Tell whether both have one name, shoulder and ball of reach, and nothing else."""
     plain = one.reach_rows is None and one.sole_m is None
     near = abs(one.reach_m - other.reach_m) <= SAME and float(np.abs(one.shoulder_m - other.shoulder_m).max()) <= SAME
     return plain and near and one.name == other.name

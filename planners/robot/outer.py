@@ -49,7 +49,7 @@ class OuterSet:
     slack_m: float
 
     def contains(self, points: Array) -> np.ndarray:
-        """Which points, shape (K, 3) [m], are in the set and in the ball, shape (K,)."""
+        """Tell which points, shape (K, 3) [m], are in the set and in the ball, shape (K,)."""
         within = np.all(points @ self.normals.T <= self.offsets_m, axis=1)
         return np.asarray(within & (np.linalg.norm(points - self.centre_m, axis=1) <= self.radius_m))
 

@@ -27,7 +27,7 @@ class WholeBody:
 
     @property
     def moments(self) -> WholeBody:
-        """The same at T moments, one where it is one."""
+        """Moments of the body, T of them, one where it is one."""
         return self if self.angles.ndim == 2 else self.at(None)
 
     def at(self, rows: slice | NDArray[np.intp] | int | None) -> WholeBody:

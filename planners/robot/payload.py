@@ -44,6 +44,6 @@ def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
 
 
 def _rides(model: RobotModel, link: str) -> bool:
-    """Whether a link goes with the base."""
+    """Tell whether a link goes with the base."""
     mount = model.mounts.get(link)
     return mount is not None and mount.leg is None

@@ -65,7 +65,7 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
 def body_doubts(
     root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
 ) -> Iterator[Doubt]:
-    """What is hard to believe of the masses of a robot's links. Raises InvalidInput as ``link_inertia`` does."""
+    """Doubts about the masses of a robot's links. Raises InvalidInput as ``link_inertia`` does."""
     reach = max((leg.chain.length_m for leg in legs), default=1.0)
     masses = dict[tuple[int | None, int], float]()
     links = [(link.get("name", ""), *link_inertia(link)) for link in root.findall("link")]
@@ -118,7 +118,7 @@ def _inertia_doubt(mass: float, moments: Array, size_m: float, slight: float) ->
 
 
 def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -> float:
-    """How far a link goes from its centre of mass; where it has no shape, as far as a leg [m]."""
+    """Extent of a link from its centre of mass; where it has no shape, as far as a leg [m]."""
     points = [
         shape.origin_m + corners @ shape.rotation.T
         for shape in shapes
@@ -149,8 +149,8 @@ def leg_doubts(legs: Sequence[Leg]) -> Iterator[Doubt]:
 
 
 def rest_gaps(root: Element, legs: Sequence[Leg]) -> Iterator[str]:
-    """What has to be settled of the joints that no leg has, which plans take to rest at 0: those that follow a leg's
-    joint or rest elsewhere, and those whose limits do not let them be there."""
+    """Points to settle of the joints that no leg has, which plans take to rest at 0: those that
+    follow a leg's joint or rest elsewhere, and those whose limits do not let them be there."""
     of_legs = {name for leg in legs for name in leg.joint_names}
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     mimics = {name: mimic for name, joint in joints.items() if (mimic := joint.find("mimic")) is not None}
@@ -187,6 +187,6 @@ def _number(element: Element, key: str, where: str) -> float:
 
 
 def points_up(leg: Leg) -> bool:
-    """Whether a leg's foot is mostly above its hip."""
+    """Tell whether a leg's foot is mostly above its hip."""
     feet = leg.chain.feet(leg.random_angles(SAMPLES, np.random.default_rng(0)))
     return float(feet[:, 2].mean() - leg.hip_m[2]) > UPWARD * leg.chain.length_m

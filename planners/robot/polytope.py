@@ -27,7 +27,7 @@ class Polytope:
         object.__setattr__(self, "offsets_m", read_only(self.offsets_m, (len(self.normals),), "offsets_m"))
 
     def contains(self, points: Array) -> np.ndarray:
-        """Which points, shape (K, 3) [m], are inside, shape (K,)."""
+        """Tell which points, shape (K, 3) [m], are inside, shape (K,)."""
         return np.asarray(np.all(points @ self.normals.T <= self.offsets_m, axis=1))
 
     @cached_property
@@ -52,11 +52,11 @@ class Polytope:
 
     @property
     def vertices(self) -> Array:
-        """Its corners, shape (V, 3) [m]."""
+        """Corners, shape (V, 3) [m]."""
         return np.asarray(self._dual.intersections)
 
     def lean(self) -> Polytope:
-        """The same set without the faces that the others imply."""
+        """Polytope without the faces that the others imply."""
         keep = np.unique(np.concatenate([np.asarray(facet) for facet in self._dual.dual_facets]))
         return Polytope(normals=self.normals[keep], offsets_m=self.offsets_m[keep])
 

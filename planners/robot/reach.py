@@ -62,7 +62,8 @@ class ReachRows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RelativeReach:
-    """Where one foot may be from another: normals · (p_other − p_limb) ≤ bounds_m, the toes in the world's axes.
+    """Set of places of one foot relative to another: normals · (p_other − p_limb) ≤ bounds_m, the
+    toes in the world's axes.
 
     It holds where ``limb`` has just been put down, for the other where it then stands; of a stance that is given it
     says nothing. Raises InvalidInput for one limb twice.

@@ -34,7 +34,8 @@ SLACK_M = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReachSets:
-    """Where the toe of each limb may be from the centre of mass, and the feet from one another.
+    """Sets of places of each limb's toe relative to the centre of mass, and of the feet relative to
+    one another.
 
     toes: half-spaces of p − c, by limb; balls: centre and radius of a ball that holds them, shape (4,) [m], by limb.
     """
@@ -144,5 +145,5 @@ def _one(paths: list[Path]) -> Path:
 
 
 def same_limb(limb: str, name: str) -> bool:
-    """Whether two names are of one limb, one being the other's beginning: LFleg, LF."""
+    """Tell whether two names are of one limb, one being the other's beginning: LFleg, LF."""
     return len(name) > 1 and (limb.startswith(name) or name.startswith(limb))

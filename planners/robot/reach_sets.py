@@ -40,7 +40,8 @@ def limbs_over(
 
 
 def standing_toes(robot: RobotModel) -> Array:
-    """Where the toes are as the robot stands on level ground, from its centre of mass, shape (N, 3) [m]."""
+    """Places of the toes as the robot stands on level ground, from its centre of mass, shape (N, 3)
+    [m]."""
     down = np.array([0.0, 0.0, 1.0])
     return np.array([leg.nominal_m - leg.radius_m * down - robot.body.com_m for leg in robot.legs])
 

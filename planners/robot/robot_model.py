@@ -58,7 +58,7 @@ IDENTITY_DIGITS = 12
 
 @dataclass(frozen=True, kw_only=True)
 class Remark:
-    """What a person should know of how a file was read: a guess to confirm, or a number that is hard to believe."""
+    """Remark on how a file was read: a guess to confirm, or a number that is hard to believe."""
 
     kind: Literal["guess", "doubt"]
     text: str
@@ -148,7 +148,7 @@ class RobotModel:
 
     @property
     def stand_height_m(self) -> float:
-        """Of the centre of mass over the ground under its feet, as it stands [m]."""
+        """Height of the centre of mass over the ground under its feet, as it stands [m]."""
         grounds = [float(leg.nominal_m[2]) - leg.radius_m for leg in self.legs]
         return float(self.body.com_m[2]) - float(np.mean(grounds))
 
@@ -364,7 +364,7 @@ def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[Body, Arra
 
 
 def _mounts(model: Any, legs: Sequence[Leg], rest: Array) -> dict[str, Mount]:
-    """What carries each link."""
+    """Mount of each link: the body that carries it."""
     pin = pinocchio()
     data = model.createData()
     pin.framesForwardKinematics(model, data, rest)
@@ -382,7 +382,7 @@ def _mounts(model: Any, legs: Sequence[Leg], rest: Array) -> dict[str, Mount]:
 
 
 def _not_there(mesh: str) -> str:
-    """What is said of a mesh that is not there."""
+    """Message about a mesh that is missing."""
     hint = "; a YAML file's packages: say where package:// leads" if mesh.startswith("package:") else ""
     return f"no such file, not drawn{hint}"
 

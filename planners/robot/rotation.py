@@ -27,7 +27,7 @@ def _rotation_of(vector: bytes) -> Array:
 
 
 def rotations_of(vectors: Array) -> Array:
-    """The same of many, shape (…, 3) to (…, 3, 3), by quaternions.
+    """Rotation matrices of many vectors, shape (…, 3) to (…, 3, 3), by quaternions.
 
     SciPy's ``Rotation.from_rotvec(vectors).as_matrix()`` gives the same numbers to the last bit; its import takes
     longer than a plan takes to find.

@@ -1,4 +1,4 @@
-"""Which distances between moving bodies have to be measured, for all moments of a motion at once.
+"""Distances between moving bodies that have to be measured, for all moments of a motion at once.
 
 Two bodies that are d₁ and d₂ apart at two moments, and whose points go m in between, are d₁ − m apart at the second one
 at least, and (d₁ + d₂ − m) / 2 anywhere between the two (conservative advancement; Mirtich, 1996). Balls and boxes
@@ -23,7 +23,7 @@ ON_FACE_M = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bounds:
-    """What is known of the distances of K pairs of bodies at T moments.
+    """Bounds on the distances of K pairs of bodies at T moments.
 
     Attributes:
         least: no distance is less, shape (T, K) [m].
@@ -36,8 +36,8 @@ class Bounds:
     exact: NDArray[np.bool_]
 
     def nearer(self, limit_m: float, *, between: bool) -> NDArray[np.bool_]:
-        """Which pairs may be nearer than this at a moment, or with ``between`` on the way before or after it, shape
-        (T, K)."""
+        """Tell which pairs may be nearer than this at a moment, or with ``between`` on the way
+        before or after it, shape (T, K)."""
         found = self.least < limit_m
         if between:
             on = self.least[:-1] + self.least[1:] < self.way + 2.0 * limit_m
@@ -67,7 +67,7 @@ class Bounds:
 
 
 def balls_apart(middles: Array, radii: Array, pairs: Index) -> Array:
-    """How far balls around bodies are apart, shape (T, K) [m].
+    """Distances between balls around bodies, shape (T, K) [m].
 
     middles: of S bodies, shape (T, S, 3); radii: of the balls, shape (S,); pairs: shape (K, 2).
     """
@@ -77,7 +77,7 @@ def balls_apart(middles: Array, radii: Array, pairs: Index) -> Array:
 
 
 def boxes_apart(between: Array, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
-    """How far an axis of either box keeps two apart at least, shape (L,) [m].
+    """Least distance at which an axis of either box keeps two apart, shape (L,) [m].
 
     between: from the one's middle to the other's, shape (L, 3). one, other: R of the boxes, and half their sides,
     shapes (L, 3, 3) and (L, 3).
@@ -90,8 +90,9 @@ def boxes_apart(between: Array, one: tuple[Array, Array], other: tuple[Array, Ar
 
 
 def off_solids(middles: Array, supports: Array, normals: Array, offsets_m: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """How far a face of a convex body keeps another body off at least, shape (L,) [m], and which middles are inside of
-    the convex body, or nearest to the inside of a face of it: of balls these are the distances.
+    """Least distance at which a face of a convex body keeps another body off, shape (L,) [m], and
+    which middles are inside of the convex body, or nearest to the inside of a face of it: of balls
+    these are the distances.
 
     middles: of the bodies, shape (L, 3). supports: how far they reach along the faces' normals, shape (L, F) or (L, 1).
     normals, offsets_m: of the F faces n·x = d of every convex body, shapes (L, F, 3), (L, F).

@@ -1,4 +1,4 @@
-"""What a robot looks like and where it may touch itself: shapes of its links, their meshes, pairs that may touch."""
+"""Shapes of a robot's links: their meshes, and the pairs that may touch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A legged robot as the gait optimiser sees it: one rigid body, and a box that each foot can reach (paper W §III-A)."""
+"""A legged robot as the gait optimiser sees it: one rigid body, and a box that each foot can reach
+(Pan et al. §III-A)."""
 
 from __future__ import annotations
 
@@ -83,7 +84,7 @@ class _WalkerKeys:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitRobot:
-    """A torso with mass and inertia, and its feet; the legs weigh nothing apart from it (paper W §III-A).
+    """A torso with mass and inertia, and its feet; the legs weigh nothing apart from it (Pan et al. §III-A).
 
     inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²]; stand_height_m: of the centre of
     mass over level ground in the nominal stance [m]; trunk_half_m: half sides of the trunk's box, shape (3,) [m],
@@ -156,7 +157,7 @@ class GaitRobot:
 
     @property
     def source(self) -> LegSource:
-        """Where its legs come from: its own file, or nowhere. Feet without legs are points."""
+        """Source of its legs: its own file, or nowhere. Feet without legs are points."""
         if self.model is not None:
             return OwnLegs(self.model)
         return NoLegs(self.name, len(self.feet), point=True)
@@ -185,7 +186,7 @@ class GaitRobot:
 
 
 def anymal() -> GaitRobot:
-    """ANYmal, the robot of paper W §V, by its boxes alone; the file says where its numbers come from."""
+    """ANYmal, the robot of Pan et al. §V, by its boxes alone; the file says where its numbers come from."""
     from stancekit.configs import config_path
 
     return GaitRobot.from_yaml(config_path("robots/anymal.yaml"))
@@ -211,10 +212,10 @@ def _anymal_legs() -> RobotModel:
 
 
 def hexapod_walker() -> GaitRobot:
-    """The default hexapod of paper E (``robot.model.hexapod``) as a walker: a uniform disc with six feet.
+    """The default hexapod of Lin et al. (``robot.model.hexapod``) as a walker: a uniform disc with six feet.
 
-    The feet stand .15 m outward of the shoulders and .2 m below them, as in paper E's ground problems; their boxes are
-    .2 × .2 × .12 m, whose corners are within the limbs' reach of .35 m.
+    The feet stand .15 m outward of the shoulders and .2 m below them, as in Lin et al.'s ground
+    problems; their boxes are .2 × .2 × .12 m, whose corners are within the limbs' reach of .35 m.
     """
     robot = hexapod()
     radius_m = float(np.linalg.norm(robot.limbs[0].shoulder_m))

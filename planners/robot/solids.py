@@ -1,4 +1,4 @@
-"""How large a robot's links are: the shapes that stand for them, and points whose hull each shape is."""
+"""Sizes of a robot's links: the shapes that stand for them, and points whose hull each shape is."""
 
 from __future__ import annotations
 
@@ -71,5 +71,6 @@ def _all_over(corners: Array, triangles: Array, apart_m: float) -> Array:
 
 
 def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
-    """Which points are left where of those in half of this one is enough, the first."""
+    """Numbers of the points that are left where of those in half of this distance one is enough,
+    the first."""
     return np.asarray(np.unique(np.round(points / (0.5 * apart_m)), axis=0, return_index=True)[1])

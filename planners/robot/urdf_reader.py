@@ -28,7 +28,8 @@ Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
 
 
 class JointCorrection(BaseModel):
-    """What a person says of a joint, in place of the URDF: limits [rad, or m where it slides], torque, velocity."""
+    """Correction of a joint by a person, in place of the URDF: limits [rad, or m where it slides],
+    torque, velocity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     limits_rad: tuple[Number, Number] | None = None

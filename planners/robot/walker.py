@@ -123,7 +123,8 @@ def walker_of(
 
 
 def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: Array) -> float:
-    """How far the body goes down from its standing height until every foot has room about it, 0 where it has [m].
+    """Depth that the body goes down from its standing height until every foot has room about it, 0
+    where it has [m].
 
     Raises InvalidInput, with the foot that lacks most, where none is deep enough.
     """

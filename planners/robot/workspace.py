@@ -1,4 +1,5 @@
-"""What a leg's foot can reach: sets to plan with, inside of it, and sets to prove with, around it.
+"""Reachable sets of a leg's foot: sets to plan with, inside of it, and sets to prove with, around
+it.
 
 The inner polytope is grown as IRIS does (Deits and Tedrake, 2015): half-spaces against the voxels that no sampled
 posture reaches, each tangent to an ellipsoid at the nearest of them, the ellipsoid then fitted to what is left. It is
@@ -85,7 +86,7 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
 
 
 class _Voxels:
-    """Which voxels of space a leg's foot reaches, by random postures."""
+    """Voxels of space that a leg's foot reaches, by random postures."""
 
     def __init__(self, leg: Leg, rng: np.random.Generator) -> None:
         from scipy.ndimage import binary_closing  # slow to import

@@ -38,7 +38,8 @@ def workspaces_of(robot: RobotModel, *, cached: bool = True) -> tuple[Workspace,
 
 
 def _kept(leg: Leg) -> Workspace:
-    """Of one leg, by all that it depends on: chain, limits and the posture in which it stands."""
+    """Workspace of one leg, kept by all that it depends on: chain, limits and the posture in which
+    it stands."""
     chain = leg.chain
     numbers = (chain.rotations, chain.origins, chain.axes, chain.slides, chain.tip_m)
     said = [VERSION, *(each.tolist() for each in (*numbers, leg.lower_rad, leg.upper_rad, leg.stance_rad))]

@@ -1,4 +1,4 @@
-"""What every planner is, and how its claim becomes an answer: only through the verifier."""
+"""Base of every planner, and the one way from its claim to an answer: only through the verifier."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Limitable(Protocol):
     """A planner whose time can be limited from outside."""
 
     def with_limit(self, limit_s: float) -> Planner:
-        """The same planner, whose ``solve`` takes no longer than this [s], nor longer than it would."""
+        """Planner whose ``solve`` takes no longer than this [s], nor longer than it would."""
         ...
 
 
@@ -56,7 +56,7 @@ class TimeLimited:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Claim:
-    """What a planner says of a problem, before anybody believes it.
+    """Claim of a planner about a problem, before anybody believes it.
 
     found: a plan. certificate: that there is none. word: its verdict in its own word, e.g. a solver's
     "optimal". message: why it has neither, or what else is to be known. details: its figures, by name.
@@ -140,7 +140,7 @@ class Acceptance:
 
 
 def _given(problem: Problem) -> str:
-    """What a proof of a posture problem is over, where its robot may reach further."""
+    """Set that a proof of a posture problem is over, where its robot may reach further."""
     return GIVEN.format(problem.robot.identity) if problem.is_posture and problem.robot.identity else ""
 
 

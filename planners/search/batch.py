@@ -159,7 +159,7 @@ class _Batch:
         return np.array(list(left), dtype=np.intp)
 
     def _told(self, k: int, *, nodes: float, trivial: bool = False) -> dict[str, Any]:
-        """What is said of every answer before the search."""
+        """Fields of every answer before the search."""
         details = {"nodes": nodes, "trivial": float(trivial)}
         effort = Effort(solves=int(k in self._lifts), seconds=float(self._seconds[k]))
         return {"method": self._planner.name, "effort": effort, "details": details}

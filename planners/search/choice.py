@@ -40,7 +40,8 @@ Project = Callable[[Scaled, Point, bool], Point]
 
 @dataclass(frozen=True, kw_only=True)
 class SearchLimits:
-    """Where a search stops. gap: relative to the best plan's objective; None stops at the first plan.
+    """Limits at which a search stops. gap: relative to the best plan's objective; None stops at the
+    first plan.
 
     share: of the clock's limits, for a search that has met a choice that P1 admits and P2 finds no plan for.
     """
@@ -100,7 +101,7 @@ class ChoiceSearch:
 
     @property
     def closed(self) -> bool:
-        """Whether the best plan is proved to be within the gap."""
+        """Tell whether the best plan is proved to be within the gap."""
         return self._beaten(self.bound)
 
     def certificate(self) -> Certificate | None:
@@ -261,7 +262,8 @@ class ChoiceSearch:
             self.found, self.upper = (choice, point), cost(chosen, point)
 
     def _beaten(self, bound: float) -> bool:
-        """Whether no plan of this bound is better than the one there is by more than the gap."""
+        """Tell whether no plan of this bound is better than the one there is by more than the gap.
+        """
         gap = self._limits.gap
         return gap is not None and self.found is not None and bound >= self.upper - gap * max(self.upper, LEAST)
 

@@ -39,7 +39,7 @@ class Clock:
         return time.perf_counter() - self.begin
 
     def ended(self, share: float = 1.0) -> bool:
-        """Whether this share of one of the limits is used up."""
+        """Tell whether this share of one of the limits is used up."""
         return self.elapsed() > share * self.time_limit_s or self.solves >= share * self.max_solves
 
     def left(self, share: float = 1.0) -> tuple[float, float]:
@@ -58,7 +58,7 @@ class Clock:
 
     @contextmanager
     def compiling(self) -> Iterator[None]:
-        """What happens here is compiling."""
+        """Count the time spent inside as compiling."""
         begin = time.perf_counter()
         yield
         self.compile_s += time.perf_counter() - begin

@@ -1,4 +1,5 @@
-"""What a policy sees of a course from where the robot stands: the coming candidate patches, the path, the goal."""
+"""Features of a course for a policy, from where the robot stands: the coming candidate patches, the
+path, the goal."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ BOUNDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class CourseFeatures:
-    """What a policy of one size sees: N limbs, H coming key frames, R candidates a toe, patches of up to U corners.
+    """Features of one size for a policy: N limbs, H coming key frames, R candidates a toe, patches
+    of up to U corners.
 
     They are a dict of flat float32 arrays. Lengths are in the course's length scale, places as seen from the COM:
     ``corners`` (H·N·R·U·3), ``normals`` (H·N·R·3), ``friction`` (H·N·R) of the candidate patches of the limb's next

@@ -125,7 +125,7 @@ class CutSearch:
 
     @property
     def trivial(self) -> bool:
-        """Whether not even P̄ has an answer, by the lift."""
+        """Tell whether not even P̄ has an answer, by the lift."""
         return bool(np.isinf(self.root.lift.bound))
 
     def certificate(self) -> Certificate | None:
@@ -165,7 +165,8 @@ class CutSearch:
         return self.found is not None
 
     def _in_vain(self, node: Node) -> bool:
-        """Whether what is wanted cannot come any more: a bound lies above every point, or a point below all proofs."""
+        """Tell whether the wanted result cannot come any more: a bound lies above every point, or a
+        point below all proofs."""
         beneath = self._gap is not None and self._least <= BENEATH * self._gap
         above = node is self.root and node.lift.bound > ABOVE * self._on_surface
         vain = (self._wanted is Status.INFEASIBLE and beneath) or (self._wanted is Status.FEASIBLE and above)
@@ -236,7 +237,7 @@ def branch(
 
 
 def _bend(border: Array) -> float:
-    """How far the corners of a patch lie apart along its normal; 0 for a triangle."""
+    """Distance of the corners of a patch from each other along its normal; 0 for a triangle."""
     if len(border) <= 3:
         return 0.0
     away = border - border.mean(axis=0)
@@ -283,7 +284,8 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
 
 
 def spreads(lift: LiftAnswer) -> Array:
-    """How much f_u / λ_u differ over the vertices under each stance contact, by component, weighted by λ; (B, 3)."""
+    """Spread of f_u / λ_u over the vertices under each stance contact, by component, weighted by λ;
+    (B, 3)."""
     contact, vertex = lift.scaled.layout.contact_vertices
     starts = np.searchsorted(contact, np.arange(len(lift.scaled.force_min)))
     share = lift.weights[vertex][:, None]

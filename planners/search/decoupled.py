@@ -1,4 +1,4 @@
-"""The decoupled planner (paper E's ref. [3]): positions first, with no knowledge of forces, then forces for them.
+"""The decoupled planner (Lin et al.'s ref. [3]): positions first, with no knowledge of forces, then forces for them.
 
 The baseline that coupling is measured against. Its positions meet E1 and E11 and have the same objective; which of
 several patches a toe takes is rounded from the shares. Then toes and body are held, and every stance gets forces, if it
@@ -43,7 +43,7 @@ class Positions:
         body.steps(toes)
 
     def reference(self, given: Given) -> Reference:
-        """The same in cvxpy."""
+        """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import positions
 
         return positions(given.scaled)
@@ -113,7 +113,7 @@ class DecoupledPlanner:
         return found
 
     def _worst_stance(self, course: Problem, chosen: Scaled, placed: Point) -> str:
-        """Which stance its positions leave most moment, or no balance of forces at all."""
+        """Stance that its positions leave most moment, or no balance of forces at all."""
         worst, message = -1.0, ""
         for index, stance in enumerate(course.stances):
             part, footholds, contacts = alone(chosen, index)

@@ -35,10 +35,10 @@ class EitherPlanner:
 
 
 def kind_of(problem: Problem) -> Kind:
-    """What kind of question a problem is."""
+    """Kind of question that a problem is."""
     return "postures" if problem.is_posture else "courses"
 
 
 def part_of(planner: Planner, kind: Kind) -> Planner:
-    """What answers this kind of question in a planner: a part of it, or all of it."""
+    """Part of a planner that answers this kind of question, or the whole planner."""
     return planner.part(kind) if isinstance(planner, EitherPlanner) else planner

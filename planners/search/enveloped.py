@@ -1,4 +1,5 @@
-"""The two-stage planner over learned envelopes: P1 → P2 as paper E has it, with modes where there are several boxes.
+"""The two-stage planner over learned envelopes: P1 → P2 as Lin et al. have it, with modes where
+there are several boxes.
 
 What is binary, the candidate patch of a toe and the box of a stance, is decided by branch and bound: a node closes some
 choices and relaxes the others, and P2 projects what it is rounded to. With one box a stance any plan will do: depth
@@ -158,7 +159,7 @@ class _Search:
 
     @property
     def solved_none(self) -> bool:
-        """Whether P1 has no answer for any choice."""
+        """Tell whether P1 has no answer for any choice."""
         return self.found is None and not self._open_end
 
     def details(self) -> dict[str, float]:

@@ -70,7 +70,7 @@ class ExactPlanner:
         self.proposers = proposers
 
     def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Plan]:
-        """Decide whether a posture problem has an answer (paper E's P, exactly).
+        """Decide whether a posture problem has an answer (Lin et al.'s P, exactly).
 
         root: the lift of the problem with the least moment, where it is solved already.
 

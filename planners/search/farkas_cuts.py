@@ -91,7 +91,7 @@ class FarkasCuts:
         )
 
     def _pulls(self, parts: dict[str, Array]) -> Array:
-        """What reach pulls every toe with, its ball and its half-spaces, shape (M, N, 3)."""
+        """Pull of reach on every toe, its ball and its half-spaces, shape (M, N, 3)."""
         limbs = self._scaled.layout.row_limbs[:, None] == np.arange(self._scaled.layout.limbs)
         rows = parts["reach_rows"][:, :, None, None] * limbs[:, :, None] * self._scaled.half_spaces.normals[:, None]
         return np.asarray(parts["reach"] + rows.sum(axis=1))

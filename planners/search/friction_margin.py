@@ -122,8 +122,8 @@ def in_time(planner: Planner, deadline: float) -> Planner | None:
 def _braced(
     planner: Planner, course: Problem, outcome: Answer[Plan], deadline: float
 ) -> tuple[Answer[Plan], float]:
-    """The same, or where some stance of its plan bears no push one whose stances do; and the share of the weight that
-    they bear: 0 for none."""
+    """Replace an outcome in which some stance bears no push by one whose stances do, and tell the
+    share of the weight that they bear: 0 for none."""
     assert outcome.solution is not None
     borne = push_share(outcome.solution)
     patience_s = math.inf if course.robot.source.own else max(SPARE_S, SPARE * outcome.effort.seconds)
@@ -141,8 +141,9 @@ def _braced(
 def _firmer(
     planner: Planner, course: Problem, outcome: Answer[Plan], presses: Sequence[float], deadline: float
 ) -> tuple[Answer[Plan], float]:
-    """The same, or where some foot that carries does next to nothing one in which none does, and with how much of the
-    weight its feet press at least: 0 for no such demand."""
+    """Improve an outcome in which some foot that carries does next to nothing to one in which none
+    does, and tell the share of the weight with which its feet press at least: 0 for no such demand.
+    """
     assert outcome.solution is not None
     if steady(outcome.solution, min(presses)):
         return outcome, 0.0

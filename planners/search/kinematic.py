@@ -51,8 +51,8 @@ DECIDED, MOST_TRIED = 1e-5, 100
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placed:
-    """Where a planner without forces puts feet and body, lengths in m: choice: (P,); toes_m: (P, 3); com_m: (M, 3), or
-    None where it has no body; tried: combinations."""
+    """Places of feet and body from a planner without forces, lengths in m: choice: (P,); toes_m:
+    (P, 3); com_m: (M, 3), or None where it has no body; tried: combinations."""
 
     choice: Index
     toes_m: Array

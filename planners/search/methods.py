@@ -46,7 +46,7 @@ SETTINGS: Mapping[str, Any] = MappingProxyType(
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerOptions:
-    """What every planner is made with beside the settings of its method.
+    """Options of every planner beside the settings of its method.
 
     A planner from elsewhere is called with one, and reads settings as attributes, for example ``options.envelopes``.
 
@@ -175,7 +175,7 @@ class Exact(_OfBoth):
 
 @dataclass(frozen=True, kw_only=True)
 class TwoStage(_OfBoth):
-    """The two stages of paper E: P1, a convex relaxation, then P2, a projection onto the bilinear surface m = p·f.
+    """The two stages of Lin et al.: P1, a convex relaxation, then P2, a projection onto the bilinear surface m = p·f.
 
     Arguments:
         relaxation: P1, a name of ``RELAXATIONS``; where None "p1" with envelopes, and without any the lift.
@@ -187,7 +187,7 @@ class TwoStage(_OfBoth):
     Raises:
         InvalidInput: for an unknown name, envelopes that are missing, and envelopes that the lift has no use for.
     Source:
-        Paper E §II, §III.
+        Lin et al. §II, §III.
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -279,7 +279,7 @@ class Micp(_OfBoth):
     Raises:
         InvalidInput: for a solver, a use or a projection that there is not, and for several envelopes.
     Source:
-        Paper E §IV; the grid is that of piecewise McCormick envelopes.
+        Lin et al. §IV; the grid is that of piecewise McCormick envelopes.
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -349,7 +349,7 @@ class Nlp(_OfBoth):
     """The nonlinear program as it is, solved by IPOPT.
 
     Source:
-        Paper E §IV-A (NLP in Table I).
+        Lin et al. §IV-A (NLP in Table I).
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -452,7 +452,8 @@ COURSE_ALONE = ("reserve", "envelope_use", "gap")
 
 
 def _is_own(it: object) -> bool:
-    """Whether it is one of the package's methods; what compares in a way of its own is asked nothing."""
+    """Tell whether it is one of the package's methods; what compares in a way of its own is asked
+    nothing."""
     return any(it is one for one in OWN.values())
 
 
@@ -486,7 +487,8 @@ def known(of: Kind | None = None) -> tuple[str, ...]:
 
 
 def _named(name: str, of: Kind | None) -> Make:
-    """What makes the planner of this name. Raises InvalidInput for a name that nobody has for this kind of question."""
+    """Maker of the planner of this name. Raises InvalidInput for a name that nobody has for this
+    kind of question."""
     called = CALLED[of]
     own = name in OWN  # whose kind of question is known without a look at other packages
     if own and name not in OWN_OF[of]:

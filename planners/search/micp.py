@@ -1,7 +1,7 @@
-"""MICP (paper E §II and Table II, [11]): m = p f over a grid of McCormick cells, by branch and bound in binaries.
+"""MICP (Lin et al. §II and Table II, [11]): m = p f over a grid of McCormick cells, by branch and bound in binaries.
 
 The grid is that of ``relaxation.grid``; which candidate patch a toe takes is binary, too. An envelope comes in as rows
-of its own over the whole grid (paper E), or as the box that the grid divides. HiGHS has no second-order cones: with
+of its own over the whole grid (Lin et al.), or as the box that the grid divides. HiGHS has no second-order cones: with
 tangent planes around them "infeasible" holds for the cones, too, while a point may leave them; with planes inside them
 a point holds, and "infeasible" says nothing. Whatever a solver claims, its point is projected and verified.
 """

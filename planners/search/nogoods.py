@@ -76,7 +76,8 @@ class Nogoods:
         return learned
 
     def covering(self, choice: Index, foothold: int) -> Array:
-        """How many nogoods a choice, (P,), meets with each candidate of one foothold, shape (options,)."""
+        """Number of nogoods that a choice, (P,), meets with each candidate of one foothold, shape
+        (options,)."""
         inside = self.masks[:, np.arange(len(choice)), choice] > 0.0
         inside[:, foothold] = True
         return np.asarray(self.masks[inside.all(axis=1), foothold].sum(axis=0))

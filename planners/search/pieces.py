@@ -43,7 +43,8 @@ Detour = Callable[[Standing, "list[Array]"], Problem]
 
 
 class Kept(Protocol):
-    """What keeps the plan of a course's beginning, so that an interrupted run can go on (``formats.partial_plan``)."""
+    """Keeper of the plan of a course's beginning, so that an interrupted run can go on
+    (``formats.partial_plan``)."""
 
     def begun(self, course: Problem) -> Plan | None:
         """The plan of the course's beginning that is kept."""
@@ -76,7 +77,7 @@ class Pieces:
 
 
 def in_pieces(course: Problem) -> bool:
-    """Whether a course is planned in pieces."""
+    """Tell whether a course is planned in pieces."""
     return course.frames > LONG and not course.has_soles and not course.uncarried
 
 
@@ -94,11 +95,15 @@ def plan_pieces(
     detour: None where there is no other way. kept: holds what was planned before, and what is planned after every
     piece. deadline: when to be done (``time.perf_counter()``).
     """
-    begun = None if kept is None else kept.begun(course)
-    cycle = _cycle(course)
+    cycle, begun = _cycle(course), None if kept is None else kept.begun(course)
+    if begun is not None and begun.problem.frames < course.frames:
+        whole = (begun.problem.frames - 1) // cycle * cycle  # where a cycle ends another way may begin
+        begun = beginning(begun, whole) if whole else None
     keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
     plans, count, avoid, tried = ([] if begun is None else [begun]), 0, list[Array](), list[Array]()
     backed, shares = False, list[Mapping[str, Any]]([] if begun is None else [begun.provenance])
+    if begun is not None and progress is not None:
+        progress(begun.problem.frames - 1, course.frames - 1)
 
     def add(part: Plan) -> None:
         plans.append(part)

@@ -148,7 +148,8 @@ def _search_end(end: float, share: float = SEARCH) -> float:
 
 
 def _detour(question: Problem | LayOut, alternative: Alternative, push_n: float) -> Detour | None:
-    """What lays the course out anew from where a robot stands; None where the question cannot."""
+    """Detour that lays the course out anew from where a robot stands; None where the question
+    cannot."""
     onward = getattr(question, "onward", None)
     if onward is None:
         return None
@@ -213,13 +214,14 @@ def _laid_out(
     """
     first: Answer[Plan] | None = None
     refusal: InvalidInput | PlanningFailed | None = None
-    left, used = list(layouts), _Used()
+    left, used, laid_s = list(layouts), _Used(), 0.0
     while left:
         alternative, now = left.pop(0), time.perf_counter()
-        if alternative is not layouts[0] and now >= deadline:
+        if alternative is not layouts[0] and now + laid_s >= deadline:
             break
         try:
             course = question("inner", alternative)
+            laid_s = time.perf_counter() - now
         except (InvalidInput, PlanningFailed) as error:
             if alternative is layouts[0] and not isinstance(error, NoPlace | PlanningFailed):
                 raise
@@ -245,19 +247,20 @@ def _laid_out(
 
 
 class _Used:
-    """How much of a processor this process has had since here."""
+    """Processor time of this process since now."""
 
     def __init__(self) -> None:
         self._began = time.perf_counter(), time.process_time()
 
     def wall_s(self, processor_s: float) -> float:
-        """How long it takes to compute for so long, as it has gone so far [s]."""
+        """Wall time that computing for so long takes, as it has gone so far [s]."""
         wall_s, own_s = time.perf_counter() - self._began[0], time.process_time() - self._began[1]
         return processor_s * max(wall_s / max(own_s, 1e-9), 1.0) if wall_s > PAUSE_S else processor_s
 
 
 def _cannot_lift(outcome: Answer[Plan]) -> bool:
-    """Whether nothing collides in the answer's motion and a foot stays from its path all the same."""
+    """Tell whether nothing collides in the answer's motion and a foot stays from its path all the
+    same."""
     groups = () if outcome.report is None else outcome.report.groups
     motion = [group for group in groups if group.name == "motion" and group.verdict == "violated"]
     return any("worst" in group.figures and group.figures["worst"] is None for group in motion)

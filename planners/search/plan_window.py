@@ -23,7 +23,7 @@ what holds."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Standing:
-    """Where a robot stands at a key frame.
+    """Pose of a robot at a key frame.
 
     com_m, rotation_rad: shape (3,); toes_m: shape (N, 3) [m], each on the patch of the same index.
     yaws_rad: of soles [rad]; () for 0. angles_rad: of the joints, shape (J,), where they are known.
@@ -38,7 +38,7 @@ class Standing:
 
     @classmethod
     def at_end(cls, plan: Plan) -> Standing:
-        """Where a plan ends."""
+        """Pose at the end of a plan."""
         return cls(
             com_m=plan.com_m[-1],
             rotation_rad=plan.rotation_rad[-1],
@@ -50,7 +50,7 @@ class Standing:
 
 
 def _yaws(plan: Plan) -> tuple[float, ...]:
-    """Of every foot at the end of a plan [rad]."""
+    """Yaw of every foot at the end of a plan [rad]."""
     puts = [(plan.problem.footholds[index].yaws_rad, int(plan.choice[index])) for index in plan.problem.holds[-1]]
     return tuple(yaws[chosen] if yaws else 0.0 for yaws, chosen in puts)
 
@@ -150,7 +150,8 @@ def one_at_a_time(course: Problem, first: int, last: int) -> Problem:
 
 
 def _room(course: Problem, first: int, com_m: Array, radius_m: Array) -> float:
-    """How far the first step can go along its line [m]; 0 where the body stands ahead of where it should go next."""
+    """Room of the first step along its line [m]; 0 where the body stands ahead of where it should
+    go next."""
     if len(com_m) < 2:
         return np.inf
     step = com_m[1] - com_m[0]

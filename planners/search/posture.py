@@ -1,4 +1,5 @@
-"""The two-stage planner P1 → P2 of postures (paper E §II): a relaxation, and its answer put on the bilinear surface."""
+"""The two-stage planner P1 → P2 of postures (Lin et al. §II): a relaxation, and its answer put on
+the bilinear surface."""
 
 from __future__ import annotations
 

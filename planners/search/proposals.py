@@ -25,7 +25,7 @@ LEAF = np.zeros((1, 5))
 
 
 class Proposer(Protocol):
-    """What proposes for the problems of one class. digest: of all that its proposals follow from."""
+    """Proposer for the problems of one class. digest: of all that its proposals follow from."""
 
     @property
     def digest(self) -> str:

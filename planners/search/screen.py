@@ -29,7 +29,8 @@ DIRECTIONS = np.column_stack([
 
 
 def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
-    """Which problems have not even P̄, since no forces carry the weight, shape (B,); others may not, either.
+    """Tell which problems have not even P̄, since no forces carry the weight, shape (B,); others
+    may not, either.
 
     For some d the contacts together push less along d than the weight, and what else is on the body, asks:
     Σ max d·C f < d·(w e_z − F) over f_n ≤ f_max and the friction cones (E5, E10), a certificate's bound with ν_F = −d
@@ -47,7 +48,8 @@ def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
 
 
 class StandingTest:
-    """Whether there are c, Θ and f for toes that are held: fix-toes (``held``), its moments zero, nothing to minimise.
+    """Test for c, Θ and f with toes that are held: fix-toes (``held``), its moments zero, nothing
+    to minimise.
 
     implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
     """
@@ -63,7 +65,8 @@ class StandingTest:
         body.limits()
 
     def admits(self, scaled: Scaled, toes: Array) -> bool:
-        """Whether the solver met its own tolerances at a point with these toes, shape (N, 3)."""
+        """Tell whether the solver met its own tolerances at a point with these toes, shape (N, 3).
+        """
         nothing = np.zeros((1, 3))
         held = Point(com=nothing, rotation=nothing, toes=toes, forces=toes, residual=float("inf"))
         solution = self._rows.solve(Given(scaled, held))
@@ -71,5 +74,6 @@ class StandingTest:
 
 
 def stands(programs: Programs, scaled: Scaled, toes: Array) -> bool:
-    """Whether a posture problem has a posture with these toes, shape (N, 3), non-dimensional."""
+    """Tell whether a posture problem has a posture with these toes, shape (N, 3), non-dimensional.
+    """
     return programs.get(StandingTest, scaled.layout, scaled.box_implied).admits(scaled, toes)

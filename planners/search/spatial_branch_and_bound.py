@@ -73,14 +73,14 @@ class BoxSearch:
 
     @property
     def verdict(self) -> Status:
-        """What is proved so far."""
+        """Verdict that is proved so far."""
         if self.posture is not None:
             return Status.FEASIBLE
         return Status.UNDECIDED if self._queue else Status.INFEASIBLE
 
     @property
     def open(self) -> int:
-        """How many boxes are neither refuted nor cut."""
+        """Number of boxes that are neither refuted nor cut."""
         return len(self._queue)
 
     @property

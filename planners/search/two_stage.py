@@ -1,4 +1,4 @@
-"""The two-stage planner P1 → P2 over the lift (paper E §II, §IV-B), for postures and for courses.
+"""The two-stage planner P1 → P2 over the lift (Lin et al. §II, §IV-B), for postures and for courses.
 
 A course is tried in this order: the nearest patches that have friction; a dive and a branch and bound over the choices
 (``choice``), every node rounded and projected, with cuts in space against stances that cannot be held alone

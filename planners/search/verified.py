@@ -103,7 +103,7 @@ def check_answers(planner: Any, kind: Kind, where: str) -> None:
 
 
 def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
-    """What a planner claims, and how many solves it says that it took. Raises InvalidInput."""
+    """Claim of a planner, and the number of solves that it reports. Raises InvalidInput."""
     with foreign(where):
         found, rest, solves = planner.solve(deepcopy(problem)), dict[str, Any](), 0
         if found is not None and not isinstance(found, Answer | Plan | Certificate):

@@ -67,7 +67,8 @@ def judged(
     plan = outcome.solution
     assert plan is not None
     report = report or check_plan(plan, joints=True, deadline=deadline)  # which nothing was asked of yet
-    if not any(group.name == MARGIN for group in report.groups) and not report.defect:
+    known = any(group.name == MARGIN for group in report.groups)
+    if not known and not report.defect and not report.late:
         report = replace(report, groups=(*report.groups, margin_group(plan)))
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late

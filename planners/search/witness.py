@@ -133,7 +133,8 @@ class _Sets:
 
     @classmethod
     def of(cls, scaled: ScaledBatch) -> _Sets:
-        """Those of all problems of a batch. Shear bounds cut the cones where they begin to leave them."""
+        """Sets of all problems of a batch. Shear bounds cut the cones where they begin to leave
+        them."""
         like, lifting = scaled.like, _side_by_side(scaled.frames)
         shear = np.minimum(like.force_max[:, 1:], -like.force_min[:, 1:]).min(axis=1)
         high = np.minimum(like.force_max[:, 0], shear / np.maximum(scaled.friction, 1e-12))
@@ -145,14 +146,14 @@ class _Sets:
 
     @cached_property
     def parts(self) -> tuple[slice, ...]:
-        """Where λ, Θ, (c − c_0, u) and f are in x."""
+        """Slices of λ, Θ, (c − c_0, u) and f in x."""
         _, contacts, corners, _ = self.scaled.vertices.shape
         ends = np.cumsum([0, contacts * corners, 3, 3 + 3 * contacts, 3 * contacts]).tolist()
         return tuple(slice(begin, end) for begin, end in itertools.pairwise(ends))
 
     @cached_property
     def radii(self) -> Array:
-        """Of the balls of c and u, made smaller, shape (N + 1,)."""
+        """Radii of the balls of c and u, made smaller, shape (N + 1,)."""
         return np.append(self.scaled.like.com_radius, self.scaled.like.reach) * (1.0 - SHRINK)
 
     @cached_property
@@ -229,7 +230,7 @@ class _Sets:
         )
 
     def hold(self, points: PointBatch) -> NDArray[np.bool_]:
-        """Whether points with their toes on their patches lie in K, shape (B,)."""
+        """Tell whether points with their toes on their patches lie in K, shape (B,)."""
         like, normal = self.scaled.like, points.forces[..., 0]
         cones = _length(points.forces[..., 1:]) <= self.scaled.friction * normal - INSIDE
         cones &= (normal >= self.low + INSIDE) & (normal <= self.high - INSIDE)

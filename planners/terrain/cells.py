@@ -78,7 +78,7 @@ class GroundCells:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which cells have samples."""
+        """Tell which cells have samples."""
         return np.asarray(self.moments[0] > 0.0)
 
     @property
@@ -95,7 +95,7 @@ class GroundCells:
         return np.where(self.known, self.moments[1] / one, i), np.where(self.known, self.moments[2] / one, j)
 
     def only(self, wanted: NDArray[np.bool_]) -> GroundCells:
-        """The same without the samples of other cells."""
+        """Cells without the samples of other cells."""
         return replace(self, moments=self.moments * wanted)
 
     def noise_m(self) -> float:
@@ -106,8 +106,10 @@ class GroundCells:
         enough = freedom >= 3.0
         if np.count_nonzero(enough) < 20:
             return 0.0
-        squares, freedom = (rms**2 * one)[enough], freedom[enough]
-        return float(np.sqrt(min(np.quantile(squares / chdtri(freedom, 1.0 - share), share) for share in QUIETEST)))
+        squares, freedom = (rms**2 * one)[enough], freedom[enough].astype(np.int_)
+        known = np.arange(3.0, freedom.max() + 1.0)  # of every possible freedom its quantiles, once
+        least = [np.quantile(squares / chdtri(known, 1.0 - share)[freedom - 3], share) for share in QUIETEST]
+        return float(np.sqrt(min(least)))
 
 
 def boxed(moments: Array, side: int) -> Array:
@@ -143,21 +145,28 @@ def solved(moments: Array) -> tuple[Array, Array]:
 
 
 def sums_of(number: Labels, moments: Array, count: int) -> Array:
-    """Sums of moments, shape (10, K), by number, shape (10, count)."""
-    return np.array([np.bincount(number, weights=value, minlength=count) for value in moments])
+    """Sums of moments, shape (10, …), by number, −1 for none of them, shape (10, count)."""
+    bins = number.ravel() + 1
+    return np.array([np.bincount(bins, weights=value.ravel(), minlength=count + 1)[1:] for value in moments])
+
+
+def renumbered(labels: Labels) -> Labels:
+    """Labels from 0 on without gaps; −1 stays."""
+    used = np.bincount(labels.ravel() + 1) > 0
+    used[:1] = False
+    return np.asarray((np.cumsum(used) * used - 1)[labels + 1], dtype=np.int_)
 
 
 def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
     """The plane (a, b, c) of every surface with places in cells, shape (S, 3), its rms and how many samples it has."""
-    i, j = np.nonzero(labels >= 0)
-    sums = sums_of(labels[i, j], cells.moments[:, i, j], int(labels.max(initial=-1)) + 1)
+    sums = sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
     planes, rms = solved(sums)
     return planes.T, rms, sums[0]
 
 
 def block_squares(labels: Labels, cells: GroundCells, planes: Array, side: int) -> tuple[Array, Array]:
-    """How far means over blocks of each surface are off its plane: the sum of their squares times the samples of each,
-    and the number of blocks, shape (S,) each. side: of a block, in cells."""
+    """Deviation of means over blocks of each surface from its plane: the sum of their squares times
+    the samples of each, and the number of blocks, shape (S,) each. side: of a block, in cells."""
     i, j = np.nonzero(labels >= 0)
     number, (one, x, y, z) = labels[i, j], (cells.moments[k, i, j] for k in (0, 1, 2, 6))
     a, b, c = planes[number].T

@@ -1,4 +1,4 @@
-"""How sure the plane and the edges of a surface are."""
+"""Certainty of a surface's plane and edges."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class Certainty:
             checked(getattr(self, name), name, least=0.0)
 
     def levers(self, places_m: Array) -> Array:
-        """What the plane's height at places, shape (…, 2), takes of height and slopes, shape (…, 3)."""
+        """Coefficients of height and slopes in the plane's height at places, shape (…, 2), shape
+        (…, 3)."""
         return np.concatenate([np.ones((*places_m.shape[:-1], 1)), places_m - self.about_m], axis=-1)
 
     def height_sd_m(self, places_m: Array) -> Array:

@@ -5,7 +5,9 @@ After Hertel and Mehlhorn (1983): never more than four times as many pieces as t
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,8 @@ SAME_M = 1e-9
 """Corners closer than this are one."""
 
 Loop = list[int]
+Point = Sequence[float]
+Corners = dict[int, Point]
 
 
 def convex_pieces(polygon: Any) -> list[Array]:
@@ -26,7 +30,7 @@ def convex_pieces(polygon: Any) -> list[Array]:
     if not polygon.interiors:
         outline = outline if polygon.exterior.is_ccw else outline[::-1]
         loop = list(range(len(outline)))
-        flat = dict(enumerate(outline))
+        flat = dict(enumerate(outline.tolist()))
         turns = _turns(loop, flat)
         if np.all(turns > 0.0):
             return [outline]
@@ -44,13 +48,13 @@ def convex_pieces(polygon: Any) -> list[Array]:
     a, b, c = (points[loops[:, i]] for i in range(3))
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     loops = np.where((area < 0.0)[:, None], loops[:, ::-1], loops)[np.abs(area) > SAME_M**2]
-    return [_exact(points[loop]) for loop in _merged(loops.tolist(), dict(enumerate(points))) if len(loop) > 2]
+    return [_exact(points[loop]) for loop in _merged(loops.tolist(), dict(enumerate(points.tolist()))) if len(loop) > 2]
 
 
 def _exact(piece: Array) -> Array:
     """A piece that is convex but for what counts as straight, convex to the last bit."""
     loop = list(range(len(piece)))
-    if np.all(_turns(loop, dict(enumerate(piece))) > 0.0):
+    if np.all(_turns(loop, dict(enumerate(piece.tolist()))) > 0.0):
         return piece
     import shapely
 
@@ -58,7 +62,7 @@ def _exact(piece: Array) -> Array:
     return np.asarray(hull.exterior.coords)[-2::-1] if hull.geom_type == "Polygon" else piece
 
 
-def _merged(loops: list[Loop], flat: dict[int, Array]) -> list[Loop]:
+def _merged(loops: list[Loop], flat: Corners) -> list[Loop]:
     """Loops that touch along edges, merged pair by pair while the union stays convex."""
     pieces, merged = dict(enumerate(loops)), True
     while merged:
@@ -101,18 +105,26 @@ def _touching(pieces: dict[int, Loop]) -> list[tuple[int, int]]:
     return [pair for pair, _ in pairs.most_common()]
 
 
-def _turns(loop: Loop, flat: dict[int, Array]) -> Array:
+def _turns(loop: Loop, flat: Corners) -> Array:
     """Sine of the turn at every corner, positive to the left, shape (len(loop),)."""
-    points = np.array([flat[corner] for corner in loop])
-    into, out = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
-    turns = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
-    return np.asarray(turns / np.maximum(np.hypot(*into.T) * np.hypot(*out.T), 1e-300))
+    return np.array([_turn(flat[a], flat[b], flat[c]) for a, b, c in _corners(loop)])
 
 
-def _convex(loop: Loop, flat: dict[int, Array]) -> bool:
-    return bool(np.all(_turns(loop, flat) > -STRAIGHT))
+def _corners(loop: Loop) -> Iterator[tuple[int, int, int]]:
+    """Each corner of a loop between the one before and the one after it."""
+    return zip([loop[-1], *loop[:-1]], loop, [*loop[1:], loop[0]], strict=True)
 
 
-def _straightened(loop: Loop, flat: dict[int, Array]) -> Loop:
+def _turn(before: Point, here: Point, after: Point) -> float:
+    """Sine of the turn at a corner, positive to the left."""
+    into_x, into_y, out_x, out_y = here[0] - before[0], here[1] - before[1], after[0] - here[0], after[1] - here[1]
+    return (into_x * out_y - into_y * out_x) / max(math.hypot(into_x, into_y) * math.hypot(out_x, out_y), 1e-300)
+
+
+def _convex(loop: Loop, flat: Corners) -> bool:
+    return all(_turn(flat[a], flat[b], flat[c]) > -STRAIGHT for a, b, c in _corners(loop))
+
+
+def _straightened(loop: Loop, flat: Corners) -> Loop:
     """The loop without corners on a straight line."""
     return [corner for corner, turn in zip(loop, _turns(loop, flat), strict=True) if turn > STRAIGHT]

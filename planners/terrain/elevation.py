@@ -140,7 +140,8 @@ class ElevationMap:
 
     @property
     def spacing_m(self) -> float:
-        """Of the grid lines, the same along both axes [m]. Raises InvalidInput where it is not."""
+        """Spacing of the grid lines, the same along both axes [m]. Raises InvalidInput where it is
+        not."""
         steps = np.concatenate([np.diff(self.x_m), np.diff(self.y_m)])
         if float(np.ptp(steps)) > 1e-3 * float(steps.min()):
             raise InvalidInput(
@@ -149,7 +150,8 @@ class ElevationMap:
         return float(steps.mean())
 
     def cropped(self, box_m: Array) -> ElevationMap:
-        """What is in a box, shape (2, 3) [m]; heights beyond it become holes. Raises InvalidInput for none."""
+        """Map of the samples in a box, shape (2, 3) [m]; heights beyond it become holes. Raises
+        InvalidInput for none."""
         (x0, y0, z0), (x1, y1, z1) = box_m
         i, j = ((line >= a) & (line <= b) for line, a, b in ((self.x_m, x0, x1), (self.y_m, y0, y1)))
         if i.sum() < FEWEST or j.sum() < FEWEST:
@@ -163,7 +165,8 @@ class ElevationMap:
         return ElevationMap(x_m=self.x_m[i], y_m=self.y_m[j], heights_m=heights, name=self.name, samples=samples)
 
     def filled(self) -> ElevationMap:
-        """The same with its holes on a membrane over their borders (Δh = 0): planes stay planes. No samples there."""
+        """Map whose holes are filled by a membrane over their borders (Δh = 0): planes stay planes.
+        No samples there."""
         hole = np.isnan(self.heights_m)
         measured = np.where(hole, 0, 1 if self.samples is None else self.samples)
         return ElevationMap(

@@ -92,8 +92,15 @@ class FlatPiece:
     certainty: Certainty | None = None
 
     def pieces(self, least_m: float) -> Iterator[Array]:
-        """Its convex pieces that are nowhere to be called a sliver, see ``wide``."""
+        """Convex pieces that are wide everywhere, see ``wide``."""
         yield from (piece for part in parts_of(self.polygon) for piece in convex_pieces(part) if wide(piece, least_m))
+
+    def patches(self, least_m: float, friction: float) -> Iterator[Patch]:
+        """The patches of these pieces."""
+        made: Patch | None = None
+        for piece in self.pieces(least_m):
+            made = made.with_vertices(self.plane.world(piece)) if made else self.plane.patch(piece, friction)
+            yield made
 
 
 def parts_of(polygon: Any) -> list[Any]:
@@ -106,7 +113,7 @@ def parts_of(polygon: Any) -> list[Any]:
 
 
 def wide(piece: Array, least_m: float) -> bool:
-    """Whether a convex piece is wide enough, and wider than a thousandth of its length."""
+    """Tell whether a convex piece is wide enough, and wider than a thousandth of its length."""
     return width(piece) > max(least_m, 1e-3 * float(np.ptp(piece, axis=0).max()))
 
 
@@ -145,7 +152,7 @@ def _united(triangles: Any) -> Any:
 
 def _joined(corners: Array, normals: Array, area: Array, triangles: NDArray[np.int_]) -> NDArray[np.int_]:
     """A label for every triangle, the same for those of one facet: first over shared edges, then plane by plane."""
-    pairs = _edge_pairs(triangles)
+    pairs = edge_pairs(triangles)
     pairs = pairs[_agree(normals, *pairs.T)]
     labels, left, count = np.full(len(corners), -1), np.arange(len(corners)), 0
     for _ in range(ROUNDS):
@@ -154,7 +161,7 @@ def _joined(corners: Array, normals: Array, area: Array, triangles: NDArray[np.i
         within = np.full(len(corners), -1)
         within[left] = np.arange(len(left))
         some = within[pairs[np.all(within[pairs] >= 0, axis=1)]]
-        number, group = _connected(some, len(left))
+        number, group = connected(some, len(left))
         seed = left[_largest(group, area[left], number)]
         fits = _fits(corners[left], normals[left], corners[seed[group], 0], normals[seed[group]])
         labels[left[fits]] = count + group[fits]
@@ -193,7 +200,7 @@ def _merged_planes(labels: NDArray[np.int_], corners: Array, normals: Array, are
 
 
 def _fits(corners: Array, normals: Array, at: Array, seed: Array) -> NDArray[np.bool_]:
-    """Which triangles lie in the planes of their seeds."""
+    """Tell which triangles lie in the planes of their seeds."""
     off = np.abs(np.einsum("kij,kj->ki", corners - at[:, None], seed)).max(axis=1)
     return np.asarray((np.vecdot(normals, seed) > np.cos(COPLANAR_RAD)) & (off <= FLAT_M))
 
@@ -202,7 +209,7 @@ def _agree(normals: Array, one: NDArray[np.int_], other: NDArray[np.int_]) -> ND
     return np.asarray(np.vecdot(normals[one], normals[other]) > np.cos(COPLANAR_RAD))
 
 
-def _edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
+def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
     """Pairs of triangles that share an edge, neighbours in the order of each edge's triangles, shape (K, 2)."""
     edges = np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
     owner = np.tile(np.arange(len(triangles)), 3)
@@ -211,14 +218,15 @@ def _edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
     return np.stack([owner[order[:-1]][same], owner[order[1:]][same]], axis=1)
 
 
-def _connected(pairs: NDArray[np.int_], size: int) -> tuple[int, NDArray[np.int_]]:
+def connected(pairs: NDArray[np.int_], size: int) -> tuple[int, NDArray[np.int_]]:
+    """Number of parts that hang together by pairs, shape (K, 2), and the part of each of so many, shape (size,)."""
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
     number, group = connected_components(graph, directed=False)
     return int(number), np.asarray(group)
 
 
 def _largest(group: NDArray[np.int_], area: Array, number: int) -> NDArray[np.int_]:
-    """Of each group the member with the largest area."""
+    """Member of each group with the largest area."""
     order = np.lexsort((area, group))
     last = np.searchsorted(group[order], np.arange(number), side="right") - 1
     return np.asarray(order[last])

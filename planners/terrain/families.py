@@ -226,7 +226,8 @@ def checked_draw(family: str, level: float, seed: int) -> np.random.Generator:
 
 
 def drawn_name(name: str) -> bool:
-    """Whether a name is that of a draw, as ``stairs:0.6``, ``stairs:0.6:7`` or ``mine.py:steps:0.6:7``."""
+    """Tell whether a name is that of a draw, as ``stairs:0.6``, ``stairs:0.6:7`` or
+    ``mine.py:steps:0.6:7``."""
     family, numbers = split_name(name)
     return bool(numbers) and (".py:" in family or family in TERRAIN_FAMILIES.names() or family in OLD)
 
@@ -280,7 +281,7 @@ def _found(where: str) -> Family:
 
 
 def _goes_on(draw: Draw) -> bool:
-    """Whether a family's polygons go on as far as they are asked to."""
+    """Tell whether a family's polygons go on as far as they are asked to."""
     try:
         return "extent" in signature(draw).parameters
     except ValueError:  # of a function that does not say what it takes
@@ -288,7 +289,7 @@ def _goes_on(draw: Draw) -> bool:
 
 
 def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -> Terrain | Shape:
-    """What a family draws. Raises InvalidInput where that is no ground."""
+    """Ground that a family draws. Raises InvalidInput where that is no ground."""
     draw = _family(family).draw
     found = draw(level, rng, extent=extent) if _goes_on(draw) else draw(level, rng)
     if isinstance(found, list | tuple) and found and all(isinstance(patch, Patch) for patch in found):

@@ -1,4 +1,4 @@
-"""What a family of terrain is, and the boxes that key frames and walks see of its grounds."""
+"""Family of terrain, and the boxes that key frames and walks see of its grounds."""
 
 from __future__ import annotations
 

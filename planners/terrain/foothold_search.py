@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from .elevation import ElevationMap
     from .triangle_mesh import TriangleMesh
 
+SINGLE = 0.8
+"""Surfaces of a mesh by its triangles, where most triangles are alone in their planes."""
+
 
 def footholds_of(
     terrain: TriangleMesh | ElevationMap,
@@ -45,8 +48,11 @@ def footholds_of(
         ) from None
     if not found.pieces and not none:
         refused = ", ".join(f"{area:.3g} m² {name}" for name, area in found.refused_m2.items() if area > 0.0)
-        noisy = isinstance(terrain, TriangleMesh) and found.refused_m2.get("edge", 0.0) > 0.0
-        hint = "; triangles of a scan that lean by its noise have no planes: make it a map" if noisy else ""
+        hint = ""
+        if found.refused_m2["edge"] + found.refused_m2["small"] > 0.0:
+            hint = f"; no surface has room for a foot that is {2e3 * limits.margin_m:.3g} mm wide (margin_m)"
+            if isinstance(terrain, TriangleMesh) and len(found.surfaces) > SINGLE * len(terrain.triangles):
+                hint = "; triangles of a scan that lean by its noise have no planes: make it a map"
         raise InvalidInput(f"{terrain.name}: expected footholds, got none: {refused or 'no area'}{hint}")
     return found
 

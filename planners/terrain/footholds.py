@@ -9,15 +9,16 @@ import numpy as np
 
 from ..files.codec import Within, check_limits
 from .patch import Patch
+from .rung import held_on_both_sides
 
 SLOPE_RAD = 0.6
 """About the friction cone of μ = .68."""
 FOOT_M = 0.02
 """Radius of a foot where no robot says otherwise [m]."""
 CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
-REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "hole")
+REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "round", "hole")
 """Why a surface is no foothold: its slope; something else within the clearance above it; a solid around it; off every
-plane; nearer to a border than the margin; narrower than a foot; not measured."""
+plane; nearer to a border than the margin; narrower than a foot; beside the line of a rung; not measured."""
 
 
 Length = Annotated[float, Within(least=0.0, most=10.0)]
@@ -25,7 +26,7 @@ Length = Annotated[float, Within(least=0.0, most=10.0)]
 
 @dataclass(frozen=True, kw_only=True)
 class FootholdLimits:
-    """What counts as a foothold.
+    """Limits on what counts as a foothold.
 
     Arguments:
         slope_rad: largest angle between the surface's normal and the vertical [rad].
@@ -72,17 +73,23 @@ class TerrainPatch:
     """A convex piece of a surface and how certain it is.
 
     rms_m: of the corners (mesh) or the heights (map) off its surface's plane [m]; samples: how many triangles or
-    heights that is of; surface: number of the surface that it is a piece of.
+    heights that is of; surface: number of the surface that it is a piece of; turn_rad: how far the surface of a rung
+    turns from the middle of its line to the border, 0 of what is flat: forces are held on both sides.
     """
 
     patch: Patch
     rms_m: float
     samples: int
     surface: int
+    turn_rad: float = 0.0
+
+    def on(self, friction: float) -> Patch:
+        """The patch on a surface with this friction; a rung has less of it on both sides of its line."""
+        return self.patch.with_friction(held_on_both_sides(friction, self.turn_rad) if self.turn_rad else friction)
 
     @property
     def area_m2(self) -> float:
-        """Of the piece [m²]."""
+        """Area of the piece [m²]."""
         about = self.patch.vertices_m - self.patch.vertices_m[0]
         return 0.5 * float(np.linalg.norm(np.cross(about, np.roll(about, -1, axis=0)).sum(axis=0)))
 
@@ -114,7 +121,7 @@ class TerrainPatch:
         return {
             "vertices_m": self.patch.vertices_m.tolist(), "normal": self.patch.normal.tolist(),
             "area_m2": self.area_m2, "slope_rad": self.slope_rad, "rms_m": self.rms_m, "samples": self.samples,
-            "surface": self.surface,
+            "surface": self.surface, "turn_rad": self.turn_rad,
             "height_sd_m": self.height_sd_m, "tilt_sd_rad": self.tilt_sd_rad, "edge_sd_m": self.edge_sd_m,
         }  # fmt: skip
 
@@ -150,7 +157,7 @@ class Footholds:
 
     @property
     def noise_source(self) -> str:
-        """Whether the noise was told or estimated."""
+        """Words for the source of the noise: given, or estimated."""
         return "estimated from the heights" if self.limits.noise_m is None else "as given"
 
     def to_json(self) -> dict[str, Any]:

@@ -30,7 +30,8 @@ class Ground:
         return control, knots
 
     def near(self, low: Array, high: Array) -> NDArray[np.bool_]:
-        """Which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its control points. Shape (S,)."""
+        """Tell which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its
+        control points. Shape (S,)."""
         control, each = self._spline
         (x0, x1), (y0, y1) = (
             [
@@ -45,7 +46,8 @@ class Ground:
         return np.asarray(low[:, 2] < np.array(tops))
 
     def depth(self, points: Array) -> Array:
-        """How deep points are in it, along the normal where it is even, negative above, shape (…, 3) to (…) [m]."""
+        """Depth of points in it, along the normal where it is even, negative above, shape (…, 3) to
+        (…) [m]."""
         height, slope = self.heights.height_and_gradient(points[..., :2])
         return np.asarray((height - points[..., 2]) / np.sqrt(1.0 + np.vecdot(slope, slope)))
 
@@ -76,11 +78,13 @@ class Ground:
         return found.reshape(points.shape[:-1])
 
     def distance(self, points: Array) -> Array:
-        """How far points are from it, along the normal where it is even, negative inside, shape (…, 3) to (…) [m]."""
+        """Distance of points from it, along the normal where it is even, negative inside, shape (…,
+        3) to (…) [m]."""
         return -self.depth(points)
 
     def even(self, spacing_m: float) -> tuple[Array, Array, Array]:
-        """Its heights on even grid lines at most so far apart: x, y and heights, shape (n,), (m,), (n, m) [m]."""
+        """Heights on even grid lines at most this far apart: x, y and heights, shape (n,), (m,),
+        (n, m) [m]."""
         x, y = (
             np.linspace(a, b, int(np.ceil((b - a) / spacing_m)) + 1)
             for a, b in self.heights.domain_m

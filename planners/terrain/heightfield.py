@@ -1,4 +1,4 @@
-"""Height fields h(x, y): terrain as a bicubic C² spline, with an exact gradient (paper W §III-B, after W5)."""
+"""Height fields h(x, y): terrain as a bicubic C² spline, with an exact gradient (Pan et al. §III-B, after W5)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class HeightField:
     Raises:
         InvalidInput: for fewer than four grid lines, a hole (NaN), and for more than 200 m along an axis.
     Source:
-        Paper W §III-B, after W5.
+        Pan et al. §III-B, after W5.
     Example:
         >>> import numpy as np
         >>> from stancekit import HeightField
@@ -72,11 +72,11 @@ class HeightField:
 
     @property
     def even(self) -> bool:
-        """Whether the grid lines are equally far apart along each axis."""
+        """Tell whether the grid lines are equally far apart along each axis."""
         return all(float(np.ptp(np.diff(line))) <= 1e-6 * float(line[1] - line[0]) for line in (self.x_m, self.y_m))
 
     def contains(self, xy: Array) -> Any:
-        """Whether points, shape (…, 2) [m], lie on the grid's domain, shape (…)."""
+        """Tell whether points, shape (…, 2) [m], lie on the grid's domain, shape (…)."""
         (x0, x1), (y0, y1) = self.domain_m
         xy = np.asarray(xy, dtype=np.float64)
         return (xy[..., 0] >= x0) & (xy[..., 0] <= x1) & (xy[..., 1] >= y0) & (xy[..., 1] <= y1)
@@ -127,7 +127,7 @@ class HeightField:
         return value, np.stack(slopes, axis=-1)
 
     def normal(self, xy: Array) -> Array:
-        """Upward unit normal (−∇h, 1)/‖·‖ (paper W, after W5), shape (…, 2) → (…, 3)."""
+        """Upward unit normal (−∇h, 1)/‖·‖ (Pan et al., after W5), shape (…, 2) → (…, 3)."""
         slope = self.gradient(xy)
         up = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
         return np.asarray(up / np.linalg.norm(up, axis=-1, keepdims=True))
@@ -200,7 +200,7 @@ class HeightField:
         return HeightField(self.x_m, self.y_m, heights, self.name)
 
     def scaled(self, factor: float) -> HeightField:
-        """The same terrain, its heights times a factor."""
+        """Terrain whose heights are multiplied by a factor."""
         return HeightField(self.x_m, self.y_m, checked(factor, "factor") * self.heights_m, self.name)
 
     def to_arrays(self) -> dict[str, Array]:

@@ -1,4 +1,5 @@
-"""What the numbers of a terrain file mean: kind, unit, axis up, place, extent, grid, holes. Asked, never guessed."""
+"""Meaning of the numbers in a terrain file: kind, unit, axis up, place, extent, grid, holes. Asked,
+never guessed."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ WIDEST_M = 200.0
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """How a file becomes a terrain in the world's frame, in metres, z up.
+    """Options that turn a file into a terrain in the world's frame, in metres, z up.
 
     Arguments:
         kind: what the file holds, "mesh", "grid" or "cloud"; None where its name says so. A mesh that is called a

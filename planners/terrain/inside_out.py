@@ -1,4 +1,5 @@
-"""Whether a closed surface shows its inside: solids are told apart where they touch, and each is judged alone.
+"""Test for closed surfaces that show their inside: solids are told apart where they touch, and each
+is judged alone.
 
 The winding number of a surface counts how often it goes round a point: 1 in a solid, 0 outside, also in its cavities,
 and −1 in a solid whose triangles turn the wrong way. A ray from the point to infinity leaves the surface as many more
@@ -119,7 +120,8 @@ def _volumes(corners: Array, triangles: NDArray[np.int_]) -> Array:
 
 
 def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
-    """How often closed triangles, shape (T, 3, 3), go round points, shape (P, 3); 0 for points not looked at."""
+    """Winding number of closed triangles, shape (T, 3, 3), about points, shape (P, 3); 0 for points
+    not looked at."""
     turned, rays = surface @ RAY, points @ RAY
     flat, low = turned[:, :, :2], turned[:, :, :2].min(axis=(0, 1))
     size = np.maximum(flat.max(axis=(0, 1)) - low, 1e-9) * (1.0 + 1e-9)

@@ -1,4 +1,5 @@
-"""How sure surfaces of a map or a cloud are, from the noise of its heights and from how many there are."""
+"""Certainty of the surfaces of a map or a cloud, from the noise of its heights and from their
+number."""
 
 from __future__ import annotations
 
@@ -66,8 +67,8 @@ def certainties(labels: Labels, cells: GroundCells, noise_m: float, margin_m: fl
 
 
 def _steps(labels: Labels, level: Array, count: int) -> Array:
-    """How high the step is at the border of each surface: the median over its neighbours, inf where a foot would not
-    notice any, shape (count,) [m]."""
+    """Height of the step at the border of each surface: the median over its neighbours, inf where a
+    foot would not notice any, shape (count,) [m]."""
     found = np.full(count, np.inf)
     own, off = list[Labels](), list[Array]()
     for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):

@@ -23,11 +23,12 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, fitted, solved
+from .cells import GroundCells, Labels, fitted, renumbered, solved
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import certainties
+from .map_solids import ROOM, Overhead, box_patches, standing_boxes
 from .mesh_footholds import standing_pieces
 from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
 from .patch import Patch
@@ -41,18 +42,47 @@ ROUNDS, LLOYD = 12, 4
 """How often surfaces are parted, and how often cells choose the nearer of two planes then."""
 TURN_RAD = 0.12
 """Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise [rad]."""
-OFF, ALONE = 2.5, 4.5
-"""Cells are on a plane up to this many rms, and those that it is all about up to so many."""
+OFF, ALONE = 2.5, 3.0
+"""Cells are on a plane up to this many rms, and those that it is all about, or that were of it, up to so many."""
 FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
 QUIET = 0.25
 """Noise below this share of the roughness is a part of it."""
+FLATTEST = 0.02
+"""Heights without noise are off a narrow strip by no more than this share of the roughness."""
 POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
-    """The footholds of a map, or of the cloud that it is of; what else there is of it is no surface."""
+    """The footholds of a map, or of the cloud that it is of, also below what hangs over its ground; walls, poles and
+    bars are surfaces, too (``map_solids``)."""
+    over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
+    if over is None:
+        found = _planes_of(terrain, limits, friction)
+        return _with_boxes(found, standing_boxes(terrain, found.noise_m or 0.0))
+    ground, beside = (
+        ElevationMap.of_points(points, terrain.spacing_m, terrain.name) for points in (over.ground_m, over.beside_m)
+    )
+    found = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
+    if over.share <= ROOM:
+        below = _planes_of(beside, replace(limits, noise_m=found.noise_m), friction)
+        most = max((piece.surface for piece in found.pieces), default=-1) + 1
+        more = [replace(piece, surface=piece.surface + most) for piece in below.pieces]
+        found = replace(found, pieces=(*found.pieces, *more), surfaces=(*found.surfaces, *below.surfaces))
+    return _with_boxes(found, np.concatenate([standing_boxes(ground, found.noise_m or 0.0), over.boxes_m]))
+
+
+def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
+    """Footholds whose terrain has these boxes, too."""
+    if not len(boxes_m):
+        return found
+    friction = next((patch.friction for patch in found.surfaces), 1.0)
+    return replace(found, surfaces=(*found.surfaces, *box_patches(boxes_m, friction)))
+
+
+def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
+    """The footholds of the upper side of a map or a cloud, whose surfaces are those of the footholds."""
     cells, noise_m = _cells_of(terrain, limits)
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
@@ -71,6 +101,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     area = np.bincount(labels[labels >= 0], minlength=len(planes))
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
     cell_m2 = spacing**2 / normal_z
+    flattest = most_rms * _slack(count) if noisy else np.full(len(planes), FLATTEST * limits.roughness_m)
     level, flat = normal_z >= np.cos(limits.slope_rad), rms <= most_rms * _slack(count)
     refused = dict.fromkeys(REASONS, 0.0)
     refused["steep"] = float((area * cell_m2)[flat & ~level].sum())
@@ -98,12 +129,13 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
             certainty=sure[number],
         )
         margin_m = None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing  # kept by the outline
-        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m)
+        strips = bool(rms[number] <= flattest[number])
+        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m, strips)
         if facet.certainty is not None:  # bodies keep out of all that it may be
             wider = facet.certainty.inset_m - limits.margin_m
             outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
             facet = replace(facet, polygon=outer)
-        surfaces += [plane.patch(piece, friction) for piece in facet.pieces(SMALLEST_M)]
+        surfaces += facet.patches(SMALLEST_M, friction)
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
         name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
@@ -202,7 +234,7 @@ def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: 
     graph = coo_array((np.ones(len(one)), (one, other)), shape=(heights.size, heights.size))
     _, group = connected_components(graph, directed=False)
     labels = np.where(ground, group.reshape(heights.shape), -1)
-    return _parted(_renumbered(labels), heights, plane[2], limits.rms_m)
+    return _parted(renumbered(labels), heights, plane[2], limits.rms_m)
 
 
 def _slack(count: Any) -> Any:
@@ -242,14 +274,6 @@ def _continued(
     return index[here][fits], index[there][fits]
 
 
-def _renumbered(labels: Labels) -> Labels:
-    """Labels from 0 on without gaps; −1 stays."""
-    known = labels >= 0
-    found = np.full(labels.shape, -1)
-    found[known] = np.unique(labels[known], return_inverse=True)[1]
-    return found
-
-
 def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Array:
     """Sums of the same moments of cells by number, shape (10, count)."""
     values = (None, i, j, i * i, i * j, j * j, z, i * z, j * z, z * z)
@@ -257,7 +281,8 @@ def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Arr
 
 
 def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
-    """Of every surface its plane (a, b, c) with i and j in cells, shape (S, 3), rms, and how many heights."""
+    """Plane (a, b, c) of every surface with i and j in cells, shape (S, 3), rms, and the number of
+    heights."""
     i, j = np.nonzero(labels >= 0)
     number = labels[i, j]
     count = int(labels.max(initial=-1)) + 1
@@ -294,7 +319,7 @@ def _connected_again(labels: Labels, halves: Labels) -> Labels:
     one = np.concatenate([index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]])
     other = np.concatenate([index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]])
     _, group = connected_components(coo_array((np.ones(len(one)), (one, other)), shape=(key.size,) * 2), directed=False)
-    return _renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
+    return renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
 
 
 def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimits) -> Labels:
@@ -304,9 +329,10 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
     if not len(planes):
         return labels
     sizes = np.bincount(labels[labels >= 0], minlength=len(planes))
-    open_ = np.isfinite(heights) & (labels < 0)
     i, j = np.indices(labels.shape, dtype=np.float64)
-    labels = labels.copy()
+    a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
+    labels = np.where(np.abs(a * i + b * j + c - heights) <= ALONE * limits.rms_m, labels, -1)
+    open_ = np.isfinite(heights) & (labels < 0)
     for turn in range(half + 3):
         if turn > half:
             alike = sum((_shifted(labels, *way) == labels).astype(int) for way in ((0, 1), (0, -1), (1, 1), (1, -1)))

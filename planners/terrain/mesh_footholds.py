@@ -18,6 +18,8 @@ from scipy.spatial import KDTree
 from ..files.arrays import Array
 from .facets import COPLANAR_RAD, FLAT_M, FlatPiece, facets_of, parts_of, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
+from .mesh_rungs import MeshRung, rungs_of
+from .patch import Patch
 from .polygon import SMALLEST_M
 from .triangle_mesh import TriangleMesh
 
@@ -25,13 +27,20 @@ ABOVE_M = 1e-4
 """What is no higher above a facet is on it [m]."""
 THIN_M = 1e-5
 """Borders this close are one [m]."""
+LONG = 4.0
+"""A strip that is narrower than footholds else are is so many times as long as those are wide."""
+WHOLE = 0.97
+"""Share of a rung's line over some length that is free where a foot may stand."""
 LEAN = (1.414e-3, 1.732e-3)
 """Rays lean by this along x and y, so that they hit no edge of a terrain that is drawn along the axes."""
 
 
 def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) -> Footholds:
     """The footholds of a mesh; its other facets are surfaces only."""
-    facets = facets_of(mesh)
+    rungs, corners = rungs_of(mesh, limits.slope_rad, 2.0 * limits.margin_m), mesh.spread_m
+    flat = np.ones(len(corners), dtype=bool)
+    flat[np.concatenate([np.zeros(0, dtype=np.int_), *(rung.triangles for rung in rungs)])] = False
+    facets = facets_of(mesh, flat)
     around = _Around(mesh)
     refused = dict.fromkeys(REASONS, 0.0)
     standing = list[tuple[int, FlatPiece]]()
@@ -51,12 +60,57 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         tops[number] = replace(facet, polygon=free)
         refused["inside"] += facet.polygon.area - free.area
         pieces += standing_pieces(facet, free, number, limits, friction, refused)
-    facets = _one_sided(facets, tops)
+    if rungs:
+        pieces += _on_rungs(rungs, len(facets), mesh, around, limits, friction, refused)
+    facets = _one_sided([*facets, *facets_of(mesh, ~flat)], tops)
     return Footholds(
         name=mesh.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
-        surfaces=tuple(facet.plane.patch(piece, friction) for facet in facets for piece in facet.pieces(SMALLEST_M)),
+        surfaces=tuple(patch for facet in facets for patch in facet.patches(SMALLEST_M, friction)),
         limits=limits,
     )  # fmt: skip
+
+
+def _on_rungs(
+    rungs: list[MeshRung],
+    first: int,
+    mesh: TriangleMesh,
+    around: _Around,
+    limits: FootholdLimits,
+    friction: float,
+    refused: dict[str, float],
+) -> list[TerrainPatch]:
+    """The lines of rungs that are free, the margin away from their ends; refused gets what else there is of rungs.
+
+    first: number of the first rung as a surface.
+    """
+    lines = [rung.line(mesh.spread_m[rung.triangles]) for rung in rungs]
+    under = [replace(line, polygon=around.uncovered(line, limits.clearance_m)) for line in lines]
+    pieces = list[TerrainPatch]()
+    for number, (each, line, free, outer) in enumerate(zip(rungs, lines, under, around.outside(under), strict=True)):
+        refused["covered"] += line.polygon.area - free.polygon.area
+        refused["inside"] += free.polygon.area - outer.area
+        rung = each.rung
+        for part in parts_of(outer):
+            low, _, high, _ = part.bounds
+            whole = part.area >= WHOLE * 2.0 * rung.half_width_m * (high - low)
+            if not whole or high - low <= 2.0 * limits.margin_m + limits.width_m:
+                refused["small" if whole else "covered"] += part.area
+                continue
+            patch = rung.line(low + limits.margin_m, high - limits.margin_m, friction)
+            pieces.append(
+                TerrainPatch(
+                    patch=patch,
+                    rms_m=line.rms_m,
+                    samples=len(each.triangles),
+                    surface=first + number,
+                    turn_rad=rung.turn_rad,
+                )
+            )
+            refused["edge"] += max(part.area - pieces[-1].area_m2, 0.0)
+        steep, rest = each.areas(mesh.spread_m[each.triangles], limits.slope_rad)
+        refused["steep"] += steep
+        refused["round"] += max(rest - line.polygon.area, 0.0)
+    return pieces
 
 
 def _one_sided(facets: list[FlatPiece], free: dict[int, FlatPiece]) -> list[FlatPiece]:
@@ -86,26 +140,37 @@ def standing_pieces(
     friction: float,
     refused: dict[str, float],
     margin_m: float | None = None,
+    strips: bool = True,
 ) -> list[TerrainPatch]:
     """The convex pieces of what is free of a facet, the margin away from its border; refused gets what is lost.
 
-    margin_m: another margin than that of the limits [m].
+    margin_m: another margin than that of the limits [m]. strips: whether it is flat enough for narrow ones.
     """
     margin_m = limits.margin_m if margin_m is None else margin_m
     inner = free.buffer(-margin_m, join_style="mitre") if margin_m > 0.0 else free
-    kept = replace(facet, polygon=inner).pieces(max(limits.width_m, SMALLEST_M))
     found = [
         TerrainPatch(
-            patch=facet.plane.patch(piece, friction).with_certainty(facet.certainty),
+            patch=patch.with_certainty(facet.certainty),
             rms_m=facet.rms_m,
             samples=len(facet.triangles),
             surface=surface,
         )
-        for piece in kept
+        for part in parts_of(inner)
+        for patch in _standing(replace(facet, polygon=part), limits.width_m, friction, strips=strips)
     ]
     refused["edge"] += max(free.area - inner.area, 0.0)
     refused["small"] += max(inner.area - sum(piece.area_m2 for piece in found), 0.0)
     return found
+
+
+def _standing(part: FlatPiece, width_m: float, friction: float, *, strips: bool) -> list[Patch]:
+    """The convex pieces of a part inside of the margin that are wide enough; of a strip, which has none, those that are
+    long enough: a foot fits on it, though there is little room beside it."""
+    wide_enough = list(part.patches(max(width_m, SMALLEST_M), friction))
+    if wide_enough or not strips:
+        return wide_enough
+    narrow = part.patches(SMALLEST_M, friction)
+    return [strip for strip in narrow if float(np.ptp(strip.vertices_m, axis=0).max()) > LONG * width_m]
 
 
 class _Around:
@@ -119,7 +184,7 @@ class _Around:
         self._tree = self._shapely.STRtree(self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T))
 
     def uncovered(self, facet: FlatPiece, clearance_m: float) -> Any:
-        """What of a facet has nothing within the clearance above it."""
+        """Part of a facet that has nothing within the clearance above it."""
         corners = self._corners[self._near(facet, clearance_m)]
         heights = facet.plane.height(corners)
         within = (heights.max(axis=1) > ABOVE_M) & (heights.min(axis=1) < clearance_m)
@@ -135,7 +200,7 @@ class _Around:
         return _difference(facet.polygon, self._shapely.union_all(touching, grid_size=1e-7))
 
     def outside(self, facets: list[FlatPiece]) -> list[Any]:
-        """What of each facet is outside of all solids."""
+        """Part of each facet that is outside of all solids."""
         parts = [self._parts(facet) for facet in facets]
         points = [
             facet.plane.world(np.array([_within(part) for part in of]).reshape(-1, 2)) + ABOVE_M * facet.plane.normal
@@ -182,7 +247,8 @@ class _Around:
         return [part for part in cut if core.intersects(part.representative_point())] or parts
 
     def _shadows(self, facet: FlatPiece) -> Array:
-        """Where rays from the plane of a facet meet edges above that are open, shape (K, 2, 2)."""
+        """Crossings of rays from the plane of a facet with edges above that are open, shape (K, 2,
+        2)."""
         heights = facet.plane.height(self._open)
         over = heights.max(axis=1) > ABOVE_M
         along = np.array([*LEAN, 1.0])
@@ -225,7 +291,7 @@ def _open_edges(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
 
 
 def _difference(polygon: Any, covered: Any) -> Any:
-    """What is left of a polygon, without its cracks and threads."""
+    """Remainder of a polygon, without its cracks and threads."""
     free = polygon.difference(covered, grid_size=1e-7)
     for grow in (THIN_M, -2.0 * THIN_M, THIN_M):
         free = free.buffer(grow, join_style="mitre")
@@ -260,7 +326,8 @@ def _slab(flat: Array, heights: Array, top: float) -> Array:
 
 
 def _crossings(flat: Array, heights: Array) -> Array:
-    """Where triangles, shape (K, 3, 2), with corners on both sides of a plane cross it, shape (K, 2, 2).
+    """Lines in which triangles, shape (K, 3, 2), with corners on both sides of a plane cross it,
+    shape (K, 2, 2).
 
     An edge is always gone down, so that the triangles on both sides of it give the same point to the last bit.
     """

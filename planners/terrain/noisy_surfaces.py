@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, about, block_squares, boxed, fitted, mean_square, solved, sums_of
+from .cells import GroundCells, Labels, about, block_squares, boxed, fitted, mean_square, renumbered, solved, sums_of
 from .footholds import FootholdLimits
 
 FINE_SD_M = 0.0035
@@ -100,10 +100,7 @@ def _closed(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     fillable = np.ones((n, m), dtype=bool) if cells.sparse else cells.known
     planes, (x, y), mean = fitted(labels, cells)[0], cells.places, cells.heights
     for _ in range(CLOSED):
-        padded = np.pad(labels, 1, constant_values=-1)
-        near = np.stack([padded[1 + u : 1 + u + n, 1 + v : 1 + v + m] for u, v in NEIGHBOURS])
-        i, j = np.nonzero(fillable & (labels < 0))
-        around = near[:, i, j]
+        around, (i, j) = _around(labels, fillable & (labels < 0))
         votes = np.sum(around[None] == around[:, None], axis=0) * (around >= 0)
         best = around[votes.argmax(axis=0), np.arange(len(i))]
         a, b, c = planes[np.maximum(best, 0)].T if len(planes) else np.zeros((3, len(i)))
@@ -114,6 +111,21 @@ def _closed(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
         labels = labels.copy()
         labels[i[chosen], j[chosen]] = best[chosen]
     return labels
+
+
+def _around(labels: Labels, wanted: NDArray[np.bool_], *, same: bool = True) -> tuple[Labels, tuple[Labels, Labels]]:
+    """The surfaces of the eight neighbours of cells, shape (8, K), −1 beyond the map, and which cells: those wanted,
+    without those whose neighbours are all of their own surface where not ``same``."""
+    padded = np.pad(labels, 1, constant_values=-1)
+    (n, m), row = labels.shape, labels.shape[1] + 2
+    if not same:
+        differ = np.zeros((n, m), dtype=bool)
+        for u, v in NEIGHBOURS:
+            differ |= padded[1 + u : 1 + u + n, 1 + v : 1 + v + m] != labels
+        wanted = wanted & differ
+    i, j = np.nonzero(wanted)
+    at = (i + 1) * row + j + 1
+    return np.stack([padded.ravel()[at + row * u + v] for u, v in NEIGHBOURS]), (i, j)
 
 
 def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: float) -> Labels:
@@ -185,18 +197,10 @@ def _components(one: Labels, other: Labels, shape: tuple[int, ...]) -> Labels:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int_).reshape(shape)
 
 
-def renumbered(labels: Labels) -> Labels:
-    """Labels from 0 on without gaps; −1 stays."""
-    known = labels >= 0
-    found = np.full(labels.shape, -1)
-    found[known] = np.unique(labels[known], return_inverse=True)[1]
-    return found
-
-
 def _misfits(
     labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Which surfaces are no planes, by means over blocks of this side in cells."""
+    """Surfaces that are no planes, by means over blocks of this side in cells."""
     planes, rms, count = fitted(labels, cells)
     squares, blocks = block_squares(labels, cells, planes, side)
     freedom = np.maximum(blocks - 3.0, 0.0)
@@ -269,17 +273,23 @@ def _touching(labels: Labels) -> Labels:
         for one, other in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1]))
         for differ in [(one != other) & (one >= 0) & (other >= 0)]
     ]
-    return np.unique(np.sort(np.concatenate(touching, axis=1), axis=0), axis=1)
+    return _distinct(np.concatenate(touching, axis=1))
+
+
+def _distinct(pairs: Labels) -> Labels:
+    """Pairs of two surfaces, each once, the smaller number first, in order, shape (2, K)."""
+    low, high = pairs.min(axis=0), pairs.max(axis=0)
+    size = int(high.max(initial=0)) + 1
+    return np.stack(np.divmod(np.unique((low * size + high)[low < high]), size))
 
 
 def _joined(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
     """Neighbouring surfaces made one while one plane fits both as well as two, the most alike first."""
+    pairs, sums = _touching(labels), sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
+    whose = np.arange(sums.shape[1])
     for _ in range(JOINED):
-        pairs = _touching(labels)
         if not pairs.size:
             break
-        i, j = np.nonzero(labels >= 0)
-        sums = sums_of(labels[i, j], cells.moments[:, i, j], int(labels.max()) + 1)
         planes, rms = solved(sums)
         squares = rms**2 * sums[0]
         both = sums[:, pairs[0]] + sums[:, pairs[1]]
@@ -298,8 +308,10 @@ def _joined(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m:
             break
         target = np.arange(len(squares))
         target[pairs[1][mutual]] = pairs[0][mutual]
-        labels = renumbered(np.where(labels >= 0, target[np.maximum(labels, 0)], -1))
-    return labels
+        target = renumbered(target)
+        sums = sums_of(target, sums, int(target.max()) + 1)
+        whose, pairs = target[whose], _distinct(target[pairs])
+    return np.append(whose, -1)[labels]
 
 
 def _excess(parts: Array, block: Labels, sums: Array, rows: list[Labels], pair: list[int], noise_m: float) -> float:
@@ -325,16 +337,14 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     """Neighbouring surfaces made one while means over blocks are off one plane of both by no more than their noise, all
     together and those of the smaller one alone: noise parts a wide surface here and there, and each part is biased."""
     side = max(round(JUDGED_M / cells.spacing_m), 1)
-    wide = labels.shape[1] // side + 2
+    wide, count = labels.shape[1] // side + 2, int(labels.max(initial=-1)) + 1
+    pairs, whose, (i, j) = _touching(labels), np.arange(count), np.nonzero(labels >= 0)
+    keys, parts = (i // side * wide + j // side) * count + labels[i, j], cells.moments[:, i, j]
     for _ in range(JOINED):
-        pairs = _touching(labels)
         if not pairs.size:
             break
-        i, j = np.nonzero(labels >= 0)
-        number, moments = labels[i, j], cells.moments[:, i, j]
-        count = int(number.max()) + 1
-        keys, of = np.unique((i // side * wide + j // side) * count + number, return_inverse=True)
-        parts, (block, owner) = sums_of(of, moments, len(keys)), np.divmod(keys, count)
+        keys, of = np.unique(keys, return_inverse=True)
+        parts, (block, owner) = sums_of(of, parts, len(keys)), np.divmod(keys, count)
         sums = sums_of(owner, parts, count)
         rows = [np.flatnonzero(owner == k) for k in range(count)]
         excess = np.array([_excess(parts, block, sums, rows, pair, noise_m) for pair in pairs.T.tolist()])
@@ -346,8 +356,8 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
             break
         target = np.arange(count)
         target[pairs[1][mutual]] = pairs[0][mutual]
-        labels = renumbered(np.where(labels >= 0, target[np.maximum(labels, 0)], -1))
-    return labels
+        keys, whose, pairs = block * count + target[owner], target[whose], _distinct(target[pairs])
+    return renumbered(np.append(whose, -1)[labels])
 
 
 def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
@@ -359,11 +369,8 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
     variance = np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2 + (0.5 * limits.roughness_m) ** 2
     mean, (x, y), one = cells.heights, cells.places, cells.moments[0]
     for _ in range(SWEEPS):
-        padded = np.pad(labels, 1, constant_values=-1)
-        n, m = labels.shape
-        near = np.stack([padded[1 + u : 1 + u + n, 1 + v : 1 + v + m] for u, v in NEIGHBOURS])
-        i, j = np.nonzero(cells.known & np.any(near != labels, axis=0))
-        around, own = near[:, i, j], labels[i, j]
+        around, (i, j) = _around(labels, cells.known, same=False)
+        own = labels[i, j]
         candidates = np.concatenate([own[None], around])
         of = np.maximum(candidates, 0)
         a, b, c = (planes[of, k] for k in range(3))

@@ -1,4 +1,4 @@
-"""What a terrain is as a body: solids that links may not enter.
+"""Solids of a terrain, which links may not enter.
 
 A patch has thickness (``Patch.solid``, as the simulators have it). Patches that close around a convex body are that
 body, and patches that close around another one have an inside besides.
@@ -47,8 +47,9 @@ class ClosedSurface:
     triangles_m: Array
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
-        """Which points, shape (K, 3), are inside: by the winding number, the sum of the triangles' solid angles by 4π
-        (Van Oosterom and Strackee, 1983; Jacobson et al., 2013). Shape (K,)."""
+        """Tell which points, shape (K, 3), are inside: by the winding number, the sum of the
+        triangles' solid angles by 4π (Van Oosterom and Strackee, 1983; Jacobson et al., 2013).
+        Shape (K,)."""
         within = np.all((points > self.triangles_m.min((0, 1))) & (points < self.triangles_m.max((0, 1))), axis=1)
         found, size = np.zeros(len(points), dtype=bool), 1 + BLOCK // len(self.triangles_m)
         open_ = np.flatnonzero(within)
@@ -61,7 +62,8 @@ class ClosedSurface:
         return found
 
     def depth(self, point: Array) -> float:
-        """How far a point that is inside is behind the plane of the facet nearest to it, at least [m]."""
+        """Depth of a point that is inside behind the plane of the facet nearest to it, at least
+        [m]."""
         a, b, c = np.moveaxis(self.triangles_m, 1, 0)
         normals = np.cross(b - a, c - a)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -85,7 +87,7 @@ class Obstacles:
 
     @classmethod
     def of(cls, patches: Sequence[Patch]) -> Obstacles:
-        """Those of a course's terrain, named by the patches' numbers in it."""
+        """Obstacles of a course's terrain, named by the patches' numbers in it."""
         convex, closed = list[Obstacle](), list[ClosedSurface]()
         for group in _joined(patches):
             its = [patches[i] for i in group]
@@ -138,7 +140,8 @@ def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
 
 
 def _closes(patches: Sequence[Patch]) -> bool:
-    """Whether patches may be the outside of something: area vectors add up to none, the volume is positive."""
+    """Tell whether patches may be the outside of something: area vectors add up to none, the volume
+    is positive."""
     areas = np.array([_area(patch) * patch.normal for patch in patches])
     middles = np.array([patch.vertices_m.mean(axis=0) for patch in patches])
     volume = float(np.vecdot(areas, middles - middles[0]).sum())

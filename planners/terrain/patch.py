@@ -22,7 +22,7 @@ MOST_VERTICES = 512
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patch:
-    """A convex planar polygon with a Coulomb friction coefficient (paper E §II, Fig. 2).
+    """A convex planar polygon with a Coulomb friction coefficient (Lin et al. §II, Fig. 2).
 
     Arguments:
         vertices_m: v_u in the world, in order around the border, shape (U, 3) with U ≥ 3 [m].
@@ -33,7 +33,7 @@ class Patch:
     Raises:
         InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along the normal.
     Source:
-        Paper E §II, Fig. 2, E1 and E10.
+        Lin et al. §II, Fig. 2, E1 and E10.
     Example:
         >>> import numpy as np
         >>> from stancekit import Patch
@@ -76,11 +76,12 @@ class Patch:
         return Solid.behind(self.vertices_m, self.normal)
 
     def with_friction(self, friction: float) -> Patch:
-        """The same surface with another friction; its geometry is not looked at again. Raises InvalidInput."""
+        """Patch of the same surface with another friction; its geometry is not looked at again.
+        Raises InvalidInput."""
         return self._with("friction", checked(friction, "friction", least=0.0))
 
     def with_certainty(self, certainty: Certainty | None) -> Patch:
-        """The same surface with another certainty; its geometry is not looked at again."""
+        """Patch of the same surface with another certainty; its geometry is not looked at again."""
         return self._with("certainty", certainty)
 
     def with_vertices(self, vertices_m: Array) -> Patch:
@@ -151,7 +152,8 @@ def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
 
 
 def _around(y: Array, z: Array, diameter: Array) -> tuple[Array, Array, Array]:
-    """Of each border, shape (K, U): area, least turn of a corner towards the inside, and how often it goes round."""
+    """Measures of each border, shape (K, U): area, least turn of a corner towards the inside, and
+    how often it goes round."""
     ahead = [*range(1, y.shape[1]), 0]
     dy, dz = y[:, ahead] - y, z[:, ahead] - z
     double = dy * dy + dz * dz <= (1e-9 * diameter[:, None]) ** 2  # corners that are given twice in a row count once

@@ -76,7 +76,7 @@ def nearest(polygon: Array, point: Array) -> Array:
 
 
 def _following(polygon: Array) -> list[int]:
-    """Of each corner the index of the next one."""
+    """Index of the corner that follows each corner."""
     return [*range(1, len(polygon)), 0]
 
 
@@ -121,7 +121,7 @@ class Surface:
 
     @cached_property
     def room(self) -> Array:
-        """What is left of the polygon ``margin_m`` from its border, shape (V, 2), maybe (0, 2)."""
+        """Remainder of the polygon ``margin_m`` from its border, shape (V, 2), maybe (0, 2)."""
         return shrunk(self.polygon, self._margin_m)
 
     @property
@@ -140,7 +140,7 @@ class Surface:
         return float((point_m - self._origin) @ self.patch.normal)
 
     def covers(self, point_m: Array) -> bool:
-        """Whether the patch, margin and all, lies above or below a point."""
+        """Tell whether the patch, margin and all, lies above or below a point."""
         point = self._flat(point_m)
         return bool(np.all(nearest(self.polygon, point) == point))
 
@@ -162,7 +162,7 @@ class Surface:
         return self.patch.with_vertices(self._world(piece)) if len(piece) else None
 
     def around(self, centre_m: Array, side_m: float) -> tuple[Patch, ...]:
-        """What ``window`` leaves of the part inside the margin, in convex pieces."""
+        """Remainder that ``window`` leaves of the part inside the margin, in convex pieces."""
         rest, pieces = self.room, list[Array]()
         for normal, offset in zip(*self._square(centre_m, side_m), strict=True):
             pieces.append(clipped(rest, -normal[None], -np.array([offset])))

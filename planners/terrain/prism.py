@@ -70,7 +70,8 @@ class Solid:
         return cls(corners=corners, normals=faces[:, :3], offsets_m=-faces[:, 3], triangles=triangles)
 
     def distance(self, points: Array) -> Array:
-        """How far points are outside: never more than their distance, negative inside; shape (…, 3) to (…) [m]."""
+        """Distance of points from the outside: never more than their distance, negative inside;
+        shape (…, 3) to (…) [m]."""
         return np.asarray((points @ self.normals.T - self.offsets_m).max(axis=-1))
 
 
@@ -84,7 +85,7 @@ class Solids:
         self._offsets_m = np.concatenate([solid.offsets_m for solid in solids]) if solids else np.zeros(0)
 
     def distances(self, points: Array) -> Array:
-        """What ``Solid.distance`` says of each, S solids: shape (…, 3) to (…, S) [m]."""
+        """Distances from each of S solids, as of ``Solid.distance``: shape (…, 3) to (…, S) [m]."""
         if not len(self._first):
             return np.zeros((*points.shape[:-1], 0))
         beyond = points @ self._normals.T - self._offsets_m

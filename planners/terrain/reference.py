@@ -1,6 +1,6 @@
-"""Reference terrains of paper W (Fig. 3) with their tasks (paper W §V), and grounds by any name.
+"""Reference terrains of Pan et al. (Fig. 3) with their tasks (Pan et al. §V), and grounds by any name.
 
-Paper W gives pictures only; the formulas here are the house's, in metres with r² = x² + y². The world's domain is
+Pan et al. gives pictures only; the formulas here are the house's, in metres with r² = x² + y². The world's domain is
 [−4, 4]².
 """
 
@@ -127,11 +127,11 @@ TERRAINS: Registry[Formula | HeightField | Shape] = Registry(
     expected="a height field, a Formula, or a function of x and y",
     accepts=lambda thing: isinstance(thing, Formula | HeightField) or takes(thing, 2),
 )
-"""Terrains by name, those of paper W (Fig. 3) first; the walls of the pits: 79°, 84° and 87°."""
+"""Terrains by name, those of Pan et al. (Fig. 3) first; the walls of the pits: 79°, 84° and 87°."""
 
 
 def _formula(name: str) -> Formula | HeightField:
-    """What stands behind a name, a plain function as a formula. Raises InvalidInput."""
+    """Ground behind a name, a plain function as a formula. Raises InvalidInput."""
     found = TERRAINS.get(name)
     return found if isinstance(found, Formula | HeightField) else Formula(shape=found)
 
@@ -154,8 +154,9 @@ def reference_terrain(name: str) -> HeightField:
 
 
 def reference_tasks(name: str) -> tuple[TerrainTask, ...]:
-    """The walks of a terrain: paper W's benchmark (§V) on its own, 24 directions on ripple and cone, 15 targets on hill
-    and pits, where both front feet stick; none on others. Raises InvalidInput for another name."""
+    """The walks of a terrain: Pan et al.'s benchmark (§V) on its own, 24 directions on ripple and
+    cone, 15 targets on hill and pits, where both front feet stick; none on others. Raises
+    InvalidInput for another name."""
     found = _formula(name)
     return () if isinstance(found, HeightField) else found.tasks()
 
@@ -188,7 +189,8 @@ def named_terrain(name: str, options: ImportOptions = ImportOptions(), smooth_m:
 
 
 def names_ground(name: str) -> bool:
-    """Whether a name is that of a ground, and of no file: in ``TERRAINS``, a draw, or ``FILE.py:NAME``."""
+    """Tell whether a name is that of a ground, and of no file: in ``TERRAINS``, a draw, or
+    ``FILE.py:NAME``."""
     family = split_name(name)[0]
     own = family.endswith(".py") or ".py:" in family
     return name in TERRAINS.names() or own or (drawn_name(name) and not Path(name).exists())
@@ -202,7 +204,8 @@ def named_ground(name: str) -> Terrain:
 
 
 def named_surface(name: str) -> TriangleMesh | ElevationMap:
-    """What footholds of a named ground are looked for on: its patches, or a map of its heights. Raises InvalidInput."""
+    """Surface on which footholds of a named ground are looked for: its patches, or a map of its
+    heights. Raises InvalidInput."""
     if drawn_name(name):
         patches = drawn_surface(*read_draw(name, "terrain"))
         if patches is not None:

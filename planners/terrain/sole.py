@@ -45,7 +45,8 @@ def sole_offsets(sole_m: Array, patch: Patch, yaw_rad: float) -> Array:
 
 
 def sole_region(patch: Patch, offsets_m: Array) -> Patch:
-    """Where the centre of a sole may be that is on a patch with all of its points: a piece of the patch's plane.
+    """Region in which the centre of a sole may be that is on a patch with all of its points: a
+    piece of the patch's plane.
 
     offsets_m: of the points, shape (K, 3). Raises InvalidInput where there is no room, and for a patch that is bent.
     """

@@ -89,7 +89,7 @@ class Terrain:
         return np.where(np.isfinite(heights), heights, VOID_M)
 
     def with_friction(self, factor: float) -> Terrain:
-        """The same ground with this factor on every friction."""
+        """Ground with this factor on every friction."""
         checked(factor, "friction", least=0.0)
         patches, footholds = (
             None

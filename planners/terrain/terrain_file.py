@@ -88,7 +88,8 @@ def read_heights(
 
 
 def _kind(path: Path, wanted: Kind | None) -> Kind:
-    """What a file holds: as it is told, or by its name where that leaves no doubt. Raises InvalidInput."""
+    """Kind of terrain that a file holds, as given or by its name where that leaves no doubt. Raises
+    InvalidInput."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InvalidInput(f"{path}: expected a terrain that ends in {', '.join(SUFFIXES)}, got {suffix or 'none'}")

@@ -40,7 +40,7 @@ class TriangleMesh:
 
     @classmethod
     def of(cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str) -> TriangleMesh:
-        """Those of a file, welded, in the world's frame, cropped.
+        """Mesh of a file, welded, in the world's frame, cropped.
 
         Raises InvalidInput where nothing is left, for an unlikely size, and for a solid that is inside out.
         """
@@ -63,7 +63,8 @@ class TriangleMesh:
 
     @classmethod
     def as_given(cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str) -> TriangleMesh:
-        """Those of a file in the world's frame, cropped, to be seen from above alone: nothing else is looked at.
+        """Mesh of a file in the world's frame, cropped, to be seen from above alone: nothing else
+        is looked at.
 
         Raises InvalidInput where nothing is left.
         """
@@ -125,7 +126,7 @@ def _welded(corners: Array, triangles: NDArray[np.int_]) -> tuple[Array, NDArray
 
 
 def _cropped(corners: Array, triangles: NDArray[np.int_], box: Array) -> tuple[Array, NDArray[np.int_]]:
-    """What is inside a box, triangles cut at its sides."""
+    """Part inside a box, with triangles cut at its sides."""
     from trimesh.intersections import slice_faces_plane
 
     sliced: Any = slice_faces_plane

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..answer.plan import Plan
 from ..answer.report import LATE, Group
-from ..errors import InvalidInput
+from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ NO_ANGLES = "the plan has no joint angles that the motion could go through"
 
 @dataclass(frozen=True, kw_only=True)
 class BodyReport:
-    """Where links go through something.
+    """Report on links that go through something.
 
     postures: how many were judged; hit: how many of them a link is too deep in something in. worst: the deepest
     overlap; place: of it, for people, and frame, its key frame or progress between two. missing: what has no shape and
@@ -52,7 +52,7 @@ class BodyReport:
 
     @property
     def message(self) -> str:
-        """What is wrong, in one line; empty where nothing is."""
+        """Fault in one line; empty where nothing is."""
         if self.worst is None:
             return self.astray
         more = f", the deepest of {self.hit} of {self.postures} postures" if self.hit > 1 else ""
@@ -149,9 +149,7 @@ def bodies_report(
     )  # fmt: skip
 
 
-def check_bodies(
-    plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf
-) -> tuple[Group, ...]:
+def check_bodies(plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf) -> tuple[Group, ...]:
     """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad], and, where limbs carry
     between them, ``motion``, of the path through them where they are the plan's own.
 
@@ -176,7 +174,9 @@ def check_bodies(
         return found, Group("motion", unit="m", message=unchecked, verdict="not checked")
     try:
         path = PlanPath(plan)
-        moments, postures = JointPath(path, solver).judged()
+        moments, postures = JointPath(path, solver).judged(deadline=deadline)
+    except TimeEnded:
+        return found, Group("motion", unit="m", message=LATE, verdict="not checked")
     except InvalidInput as error:
         return found, Group("motion", unit="m", message=str(error), verdict="not checked")
     stray_m = float(postures.error_m.max())
@@ -187,7 +187,7 @@ def check_bodies(
 
 
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
-    """Of the foot that is farthest from its path."""
+    """Message about the foot that is farthest from its path."""
     row, limb = (int(i) for i in np.unravel_index(int(np.argmax(error_m)), error_m.shape))
     name = plan.problem.robot.limb_names[limb]
     return f"frame {frames[row]:.3g}: the foot of {name} stays {1e3 * error_m[row, limb]:.3g} mm from its path"

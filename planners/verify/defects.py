@@ -1,4 +1,5 @@
-"""What keeps a posture or a plan from being one at all: arrays that lack, of other shapes, or of no numbers."""
+"""Defects that keep a posture or a plan from being one at all: arrays that lack, of other shapes,
+or of no numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from .soles import counts_of, forces_defect
 
 
 def plan_defect(plan: Plan) -> tuple[str, int, str]:
-    """What keeps the plan from being one at all, with its frame and limb; empty when nothing does.
+    """Defect that keeps the plan from being one at all, with its frame and limb; empty when nothing
+    does.
 
     Looks at what there is, shapes and finiteness, of soles also whether forces at points add up. Nothing is raised.
     Shapes of a posture are said as files have them, without the axis of frames.
@@ -40,7 +42,7 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
 
 
 def _misshapen(plan: Plan, name: str, shape: tuple[int, ...]) -> str:
-    """What is wrong with an array that lacks or has another shape than it should."""
+    """Defect of an array that lacks or has another shape than it should."""
     array = getattr(plan, name)
     if array is None:
         return f"{name}: expected shape {_said(plan, name, shape, shape)}, got nothing"

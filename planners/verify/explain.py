@@ -30,9 +30,9 @@ MOST_GRIP, MOST_LENGTH, COURSE_BISECTIONS = 3.0, 2.0, 12
 
 
 def explain(certificate: Certificate, *, tolerance: float | None = None) -> Explanation:
-    """How far each single parameter must change before a certificate fails: the parameters of a posture problem, the
-    cheapest growth first, those of a course's weakest leaf, the one that changes least first, or friction and reach of
-    a leap.
+    """Measure how far each single parameter must change before a certificate fails: the parameters
+    of a posture problem, the cheapest growth first, those of a course's weakest leaf, the one that
+    changes least first, or friction and reach of a leap.
 
     tolerance: as for ``check_certificate``; a leap has none. A certificate that is not accepted explains nothing: no
     relaxations, and the message says why. Raises InvalidInput for one that does not know its problem.
@@ -113,7 +113,7 @@ def _cheapest(first: Relaxation) -> str:
 
 
 def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanation:
-    """The same, with the stance that holds the least of the wrench first where that is the reason."""
+    """Add the stance that holds the least of the wrench first, where that is the reason."""
     from .wrench_held import least_held  # Clarabel, of this alone
 
     held = least_held(forest.numbers, forest.patches)
@@ -151,7 +151,7 @@ def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation
 
 
 def _change(one: Relaxation) -> str:
-    """Which way, from which value, and to which at least or at most."""
+    """Words for a change: which way, from which value, and to which at least or at most."""
     unit, rises = f" {one.unit}".rstrip(), one.needed > one.now
     verb, least = ("rise", "at least") if rises else ("fall", "at most")
     if abs(one.needed - one.now) < 1e-3:
@@ -166,7 +166,8 @@ def _on_this_side(value: float, rises: bool) -> float:
 
 
 def _limits(course: Problem, numbers: Numbers, leaf: Leaves, value: float) -> tuple[list[Relaxation], str]:
-    """What each limit would have to be to lift one leaf's proof, all else as it is; and where the proof pulls most."""
+    """Values of each limit that would lift one leaf's proof, all else as it is; and where the proof
+    pulls most."""
     names, who, m = course.robot.limb_names, numbers.schedule, Multipliers.of(numbers.schedule, leaf.multipliers)
     pushes = (length(m.nu_F) + length(m.nu_M))[0]
     hardest = int(pushes.argmax())

@@ -1,4 +1,4 @@
-"""What a certificate says of the reason, as plain values."""
+"""Reason that a certificate gives, as plain values."""
 
 from __future__ import annotations
 

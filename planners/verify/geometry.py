@@ -115,7 +115,8 @@ def hull_distance(vertices: Array, point: Array) -> float:
 
 
 def _bent(corners: Array) -> NDArray[np.bool_]:
-    """Which polygons, shape (G, U, 3), are not flat and convex to the last digits, shape (G,)."""
+    """Tell which polygons, shape (G, U, 3), are not flat and convex to the last digits, shape (G,).
+    """
     from_mean = corners - corners.mean(axis=1, keepdims=True)
     edges = np.roll(from_mean, -1, axis=1) - from_mean
     size = np.abs(from_mean).max(axis=(1, 2))

@@ -19,7 +19,8 @@ ROUGHER = 1e-9
 
 
 def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array) -> Array:
-    """How far every toe is from terrain that is as rough as its patch and faces as it does, beyond ``THICK_M``.
+    """Distance of every toe from terrain that is as rough as its patch and faces as it does, beyond
+    ``THICK_M``.
 
     patches: the one that each toe chose; toes: shape (P, 3) [m]. Returns shape (P,) [m], inf where there is none.
     """

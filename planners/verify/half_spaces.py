@@ -27,7 +27,7 @@ Limbs = Sequence[Limb | Contact]
 
 
 def row_counts(limbs: Limbs) -> tuple[int, ...]:
-    """How many half-spaces of reach each has."""
+    """Number of half-spaces of reach that each limb has."""
     return tuple(0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs)
 
 
@@ -104,7 +104,8 @@ def relative_rows(robot: Robot, holds: NDArray[np.intp]) -> tuple[NDArray[np.int
 
 
 def relative_pulls(feet: NDArray[np.intp], normals: Array, sigma: Array, footholds: int) -> Array:
-    """What multipliers σ of such half-spaces add to the slope in every toe, shape (L, P, 3); sigma: (L, rows)."""
+    """Slope in every toe that multipliers σ of such half-spaces add, shape (L, P, 3); sigma: (L,
+    rows)."""
     signs = np.zeros((len(feet), footholds))
     signs[np.arange(len(feet)), feet[:, 1]] = 1.0
     signs[np.arange(len(feet)), feet[:, 0]] = -1.0

@@ -43,7 +43,7 @@ class JointReport:
     joint torque of a limb in a stance, shape (S, N); excess_nm: how far one of its joints is over its limit, 0 where
     within. share: largest torque as a share of its joint's limit, of joints whose limit counts.
     worst_…: where the largest is, as (frame, limb's name). shift_m: how far the whole robot's centre of mass is from
-    the body's origin, which paper E takes for it, shape (M,) [m]; nothing is judged by it. unlimited: what is wrong
+    the body's origin, which Lin et al. take for it, shape (M,) [m]; nothing is judged by it. unlimited: what is wrong
     with torque limits that count for nothing, a line each: the file has none, or one that no such joint has.
     """
 
@@ -68,7 +68,7 @@ class JointReport:
 
     @property
     def message(self) -> str:
-        """What is wrong, in one line; empty where nothing is."""
+        """Fault in one line; empty where nothing is."""
         return "; ".join(filter(None, (self.postures_message, self.torque_message)))
 
     @property
@@ -188,7 +188,8 @@ def joint_report(
 
 
 def torque_cap(plan: Plan) -> float:
-    """What no joint may take by the plan's own word, whatever it has [Nm]; inf where it says nothing."""
+    """Largest torque that the plan allows any joint, whatever it has [Nm]; inf where it says
+    nothing."""
     said = plan.provenance.get("torque_nm")
     return float(said) if isinstance(said, int | float) and said > 0.0 else np.inf
 

@@ -1,4 +1,5 @@
-"""What the leaf of a certificate proves: weak duality for posture problems and courses, matrix-vector work, no solver.
+"""Proof in the leaf of a certificate: weak duality for posture problems and courses, matrix-vector
+work, no solver.
 
 All numbers here are non-dimensional: lengths over the length scale, forces over the force scale. At key frame k the
 body has its COM at c and rotation Θ; limb i with shoulder s and reach ρ stands on a toe q, which a foothold put on one
@@ -56,8 +57,8 @@ MOST_ROWS = 2048
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Numbers:
-    """What the bounds need of Q problems with one schedule: M frames, N limbs, T candidates, B limbs that carry in a
-    stance.
+    """Numbers of Q problems with one schedule, as the bounds need them: M frames, N limbs, T
+    candidates, B limbs that carry in a stance.
 
     candidate: the foothold of each candidate, ascending. steps: Δ_c, Δ_Θ, Δ_p; progress: least progress of each step
     along ``ahead``, the direction of the nominal path (zero where that does not move). Problems of one frame have no
@@ -89,7 +90,7 @@ class Numbers:
 
     @cached_property
     def first_candidate(self) -> Index:
-        """Of every foothold, shape (P,)."""
+        """First candidate of every foothold, shape (P,)."""
         return np.asarray(np.searchsorted(self.candidate, np.arange(self.candidate[-1] + 1)))
 
 

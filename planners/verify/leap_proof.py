@@ -57,7 +57,8 @@ def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
 
 
 class Refuter:
-    """What multipliers prove of single choices of a leap's candidates, worked out anew without a solver."""
+    """Proofs that multipliers give about single choices of a leap's candidates, worked out anew
+    without a solver."""
 
     def __init__(self, leap: Leap) -> None:
         self._leap, self._timings = leap, dict[int, _Bounds]()
@@ -87,7 +88,7 @@ class Refuter:
         return nothing
 
     def _weighed(self, timing: int, row: Array) -> _Parts:
-        """What a row of multipliers weighs, worked out once."""
+        """Weights of a row of multipliers, worked out once."""
         key = (timing, row.tobytes())
         if key not in self._parts:
             if timing not in self._timings:
@@ -102,7 +103,8 @@ def _pairs(choices: NDArray[np.int_]) -> set[tuple[int, int]]:
 
 
 def explain_leap(certificate: Certificate) -> Explanation:
-    """How far friction under each toe, or reach of each limb, must grow at least before a certificate fails.
+    """Measure how far friction under each toe, or reach of each limb, must grow at least before a
+    certificate fails.
 
     Returns these growths, the smallest relative one first, and the first of them in one line; a certificate that is not
     accepted explains nothing.
@@ -254,7 +256,7 @@ class _Bounds:
         self.sizes = (3 * standing, spaces, standing, 3, 3, 3 * len(at_rest), 3 * len(at_rest))
 
     def parts(self, row: Array) -> _Parts:
-        """What multipliers weigh. Raises _Refused for a row of another length."""
+        """Weights of multipliers. Raises _Refused for a row of another length."""
         if len(row) != sum(self.sizes):
             raise _Refused(f"expected {sum(self.sizes)} multipliers per leaf, got {len(row)}")
         parts = np.split(row, np.cumsum(self.sizes)[:-1])
@@ -351,7 +353,7 @@ class _Bounds:
         return float(tilt * np.linalg.norm(np.cross(signs, vector), axis=1).max())
 
     def _standing(self) -> list[_Stand]:
-        """Who stands at the ends and the middle of every interval, by time, then limb."""
+        """Feet that stand at the ends and the middle of every interval, by time, then limb."""
         holds = self.leap.holds[self.leap.interval_phases]
         found = []
         for index in range(2 * len(holds) + 1):

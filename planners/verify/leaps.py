@@ -116,7 +116,7 @@ class _Judge:
 
     @property
     def momentum_error(self) -> float:
-        """Of the claimed L, in units of its limit."""
+        """Error of the claimed L, in units of its limit."""
         away = self.plan.momentum_m2_s - np.array([path[0, 6:9] for path in self.paths] + [self.paths[-1][-1, 6:9]])
         return float(np.abs(away).max()) / self.leap.limits.momentum_m2_s
 
@@ -183,7 +183,7 @@ class _Judge:
                 self._note("momentum", np.abs(self.paths[k][:, 6:9]), k, scale=limit)
 
     def _claims(self) -> None:
-        """What the plan says of c, v, L and Θ at the ends of intervals."""
+        """Check the plan's c, v, L and Θ at the ends of intervals."""
         plan, limit = self.plan, self.leap.limits.momentum_m2_s
         says = np.concatenate([plan.com_m, plan.velocity_m_s, plan.momentum_m2_s, plan.rotation_rad], axis=1)
         found = np.array([path[0] for path in self.paths] + [self.paths[-1][-1]])

@@ -1,4 +1,4 @@
-"""How much a stance can bear beyond its own weight: a push, a body that is elsewhere, and less friction.
+"""Margins of a stance beyond its own weight: a push, a body that is elsewhere, and less friction.
 
 With toes and body held, the contacts of a stance balance a set of horizontal pushes at the centre of mass, and they
 carry the weight from a set of places of it. Both sets are convex, shadows of the forces within cones and bounds:
@@ -50,7 +50,7 @@ weight then bears nearer to the side that it tips over. Of pushes that a simulat
 
 @dataclass(frozen=True, kw_only=True)
 class StanceMargin:
-    """What one stance bears beyond its own weight, for any forces that its contacts may have.
+    """Margins of one stance beyond its own weight, for any forces that its contacts may have.
 
     Arguments:
         frame: key frame of the stance.
@@ -189,7 +189,7 @@ def stance_margins(plan: Plan, *, pushes_alone: bool = False, yields_m: float = 
 
 
 def support_region(plan: Plan, stance: Stance) -> Array:
-    """Where the centre of mass may be, in the plane, before a stance no longer carries it; corners in order.
+    """Region of the centre of mass, in the plane, in which a stance carries it; corners in order.
 
     Returns shape (K, 2) [m], empty where the stance carries it nowhere.
     """
@@ -203,7 +203,8 @@ def support_region(plan: Plan, stance: Stance) -> Array:
 
 
 def verdict_yields_m(plan: Plan) -> float:
-    """How far the verdict takes a plan's body to give way under a push as large as its weight [m]."""
+    """Distance that the verdict lets a plan's body give way under a push as large as its weight
+    [m]."""
     return YIELDS * float(np.mean([limb.reach_m for limb in plan.problem.robot.limbs]))
 
 

@@ -58,7 +58,7 @@ UNITS = {
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
-    """What a motion may miss by; forces in units of the weight, moments of weight times stand height.
+    """Tolerances for a motion; forces in units of the weight, moments of weight times stand height.
 
     joints: beyond a limit [rad]. joint_speed, torque: shares of what the robot's file gives. contact_gap_m,
     penetration_m: of a foot that stands, of any foot. slip_m: of a standing foot's point of contact since it came down,
@@ -138,7 +138,7 @@ class _Worst:
 
     @classmethod
     def of(cls, values: Array, names: Sequence[str], times_s: Array, why: str = "") -> _Worst:
-        """Of a series of shape (T, K), or (T,) of the whole robot."""
+        """Worst of a series of shape (T, K), or (T,) of the whole robot."""
         if values.size == 0:
             return cls(why=why)
         table = values.reshape(len(values), -1)
@@ -204,7 +204,7 @@ class _Measured:
             self.missing["torque"] = "no torques in the file"
 
     def joints(self) -> _Worst:
-        """How far joints are beyond their limits, (T, J)."""
+        """Distance of joints beyond their limits, (T, J)."""
         return _Worst.of(self.kinematics.beyond(self.angles), self.kinematics.joints, self.times_s)
 
     def joint_speed(self) -> _Worst:
@@ -228,11 +228,11 @@ class _Measured:
         return _Worst.of(np.where(self.stands, self.surface[0], 0.0), self.limbs, self.times_s)
 
     def penetration(self) -> _Worst:
-        """How deep feet are in the terrain, (T, N)."""
+        """Depth of feet in the terrain, (T, N)."""
         return _Worst.of(-self.surface[0], self.limbs, self.times_s)
 
     def slip(self) -> _Worst:
-        """How far the point of contact moved since the foot came down, along the terrain, (T, N).
+        """Way of the point of contact since the foot came down, along the terrain, (T, N).
 
         A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is slip.
         """
@@ -252,17 +252,19 @@ class _Measured:
         return _Worst.of(far, self.limbs, self.times_s)
 
     def balance(self) -> _Worst:
-        """What no forces within the cones give of what the motion needs, (T − 2,)."""
+        """Part of the force and moment that the motion needs and that no forces within the cones
+        give, (T − 2,)."""
         return _Worst.of(self._windowed(self._program[1]), (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
-        """What the table's forces lack of what the motion needs, (T − 2,)."""
+        """Part of the force and moment that the motion needs and that the table's forces lack, (T −
+        2,)."""
         given = self.known["forces_n"][1:-1]
         arms = self._points[1:-1] - self._com[1:-1, None]
         return _Worst.of(self._windowed(self._residual(given, arms)), (), self.times_s[1:-1])
 
     def cone(self) -> _Worst:
-        """How far the table's forces are outside of their cones, (T, N)."""
+        """Distance of the table's forces outside of their cones, (T, N)."""
         forces, normals, friction = self.known["forces_n"], self.surface[1], self.surface[2]
         along = np.sum(forces * normals, axis=-1)
         across = np.linalg.norm(forces - along[..., None] * normals, axis=-1)
@@ -314,7 +316,7 @@ class _Measured:
 
     @cached_property
     def stands(self) -> NDArray[np.bool_]:
-        """Which feet stand, by the file or by the distance, shape (T, N)."""
+        """Tell which feet stand, by the file or by the distance, shape (T, N)."""
         if "contact" in self.known:
             return np.asarray(self.known["contact"])
         gap = self.surface[0]
@@ -323,7 +325,7 @@ class _Measured:
 
     @cached_property
     def _points(self) -> Array:
-        """Where feet touch, a radius below their centres, shape (T, N, 3)."""
+        """Points where feet touch, a radius below their centres, shape (T, N, 3)."""
         return np.asarray(self.feet[0] - self.kinematics.radii_m[:, None] * self.surface[1])
 
     @cached_property

@@ -36,7 +36,8 @@ class Multipliers:
         return cls(**parts)
 
     def gripped(self, who: Schedule, normals: Array) -> Array | None:
-        """What half-spaces of reach add to r, shape (L, M, N, 3), or None; normals: of each leaf's, (L, H, 3)."""
+        """Part of r that half-spaces of reach add, shape (L, M, N, 3), or None; normals: of each
+        leaf's, (L, H, 3)."""
         return half_space_pulls(who.row_limb, normals, self.reach_rows, self.reach.shape[2])
 
 
@@ -52,5 +53,5 @@ def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
 
 
 def multiplier_count(who: Schedule) -> int:
-    """How many multipliers a leaf has."""
+    """Number of multipliers per leaf."""
     return sum(math.prod(shape) for shape in multiplier_shapes(who).values())

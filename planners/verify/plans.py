@@ -203,7 +203,8 @@ class _Sweep:
         )  # fmt: skip
 
     def _wrench(self, frame: Index, share: Array) -> Array | None:
-        """What is on the body ``share`` of the way from each frame to the next; its moment is about the body there."""
+        """Wrench on the body ``share`` of the way from each frame to the next; its moment is about
+        the body there."""
         found = self._course.wrench
         if found is None:
             return None
@@ -332,7 +333,8 @@ class _Sweep:
         return violation(name, value, self._units[unit], self._tolerance, unit=unit, limb=limb, when=frame)
 
     def _linearisation(self) -> tuple[float, float]:
-        """How far I + [Θ]× misplaces a shoulder, and how far a toe is out of reach with exp([Θ]×) [m]."""
+        """Error with which I + [Θ]× places a shoulder, and distance of a toe out of reach with
+        exp([Θ]×) [m]."""
         exact, linear = exact_and_linear(self._plan.rotation_rad[:, None], self._shoulders)
         to_toe = self._plan.toes_m[self._who.holds] - self._plan.com_m[:, None] - exact
         beyond = float((length(to_toe) - self._reach).max())

@@ -41,13 +41,14 @@ def off_sole(patch: Patch, region: Patch, offsets: Array, toe: Array, claimed: A
 
 
 def counts_of(limbs: tuple[Limb, ...] | tuple[Contact, ...]) -> tuple[int, ...]:
-    """How many points each foot has; () where all have one."""
+    """Number of points per foot; () where all have one."""
     counts = tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs)
     return counts if max(counts) > 1 else ()
 
 
 def forces_defect(whole: Array, points: Array, counts: tuple[int, ...]) -> str:
-    """What is wrong with forces at points, shape (..., N, K, 3), of feet with forces (..., N, 3); empty if nothing."""
+    """Fault of forces at points, shape (..., N, K, 3), of feet with forces (..., N, 3); empty if
+    nothing."""
     with np.errstate(all="ignore"):  # absurd magnitudes are no sum, either
         most = float(np.abs(whole).max(initial=0.0) + np.abs(points).max(initial=0.0))
         off = float(np.abs(points.sum(axis=-2) - whole).max(initial=0.0))

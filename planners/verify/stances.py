@@ -29,7 +29,8 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Schedule:
-    """Who stands where and who carries: M frames, N limbs, P footholds, S stances, and B limbs that carry in one.
+    """Schedule of who stands where and who carries: M frames, N limbs, P footholds, S stances, and
+    B limbs that carry in one.
 
     A posture is one frame with one stance in which every limb carries, each on a foothold of its own.
     """
@@ -45,7 +46,7 @@ class Schedule:
 
     @cached_arrays
     def foothold(self) -> Index:
-        """Of every limb that carries, shape (B,)."""
+        """Foothold of every limb that carries, shape (B,)."""
         return np.asarray(self.holds[self.frame[self.stance], self.limb])
 
     @cached_arrays
@@ -61,7 +62,7 @@ class Schedule:
 
     @cached_arrays
     def first_standing(self) -> Index:
-        """Where in ``standing`` each foothold begins, shape (P,)."""
+        """Index in ``standing`` at which each foothold begins, shape (P,)."""
         return np.asarray(np.searchsorted(np.sort(self.holds.ravel()), np.arange(self.holds.max() + 1)))
 
     @cached_arrays
@@ -76,7 +77,7 @@ class Schedule:
 
     @cached_arrays
     def first_borne(self) -> Index:
-        """Where in ``by_foothold`` each foothold begins, shape (P,)."""
+        """Index in ``by_foothold`` at which each foothold begins, shape (P,)."""
         return np.asarray(np.cumsum(self.borne) - self.borne)
 
     @cached_arrays
@@ -89,7 +90,8 @@ class Schedule:
     @staticmethod
     @lru_cache(maxsize=64)
     def of_posture(rows: tuple[int, ...], points: tuple[int, ...] = ()) -> Schedule:
-        """That of a posture. rows: how many half-spaces of reach each contact has; points: of its foot, () for 1."""
+        """Schedule of a posture. rows: how many half-spaces of reach each contact has; points: of
+        its foot, () for 1."""
         limbs = np.arange(len(rows))
         stance_contact, point = expanded(limbs, points)
         zeros = np.zeros(len(stance_contact), dtype=np.intp)
@@ -101,7 +103,7 @@ class Schedule:
 
     @staticmethod
     def of_course(course: Problem) -> Schedule:
-        """That of a course, who stands where from the footholds alone."""
+        """Schedule of a course, who stands where from the footholds alone."""
         names = course.robot.limb_names
         holds = np.full((course.frames, len(names)), -1, dtype=np.intp)
         for p in sorted(range(len(course.footholds)), key=lambda p: course.footholds[p].frame):
@@ -200,7 +202,7 @@ class Stances:
         return whole._on_soles(contacts, counts, postures) if counts else whole
 
     def _on_soles(self, contacts: Sequence[Contact], counts: tuple[int, ...], postures: Sequence[Plan]) -> Stances:
-        """The same with a row for every point of every foot."""
+        """Stances with a row for every point of every foot."""
         row = expanded(np.arange(len(contacts)), counts)[0]
         offsets, forces, off = [], [], []
         claims = [claim for posture in postures for claim in _claims(posture)]
@@ -220,14 +222,16 @@ class Stances:
 
 
 def wrenches(problems: Sequence[Problem]) -> Array | None:
-    """What is on the bodies of posture problems beside their weight, shape (B, 6); None where none has anything."""
+    """Wrenches on the bodies of posture problems beside their weight, shape (B, 6); None where none
+    has anything."""
     if all(problem.wrench is None for problem in problems):
         return None
     return np.array([np.zeros(6) if problem.wrench is None else problem.wrench[0] for problem in problems])
 
 
 def _claims(posture: Plan) -> list[tuple[Array, Array] | None]:
-    """Where the points of every foot are claimed to be, and the forces at them; None of a posture on point feet."""
+    """Claimed places of the points of every foot, and the forces at them; None of a posture on
+    point feet."""
     if posture.points_m is None or posture.point_forces_n is None:
         return [None] * len(posture.toes_m)
     return list(zip(posture.points_m, posture.point_forces_n[0], strict=True))
@@ -281,5 +285,5 @@ def worst_of(at: Stances, found: dict[str, Array] | None = None) -> Array:
 
 
 def units_of(at: Stances) -> dict[str, Array]:
-    """What a violation in each unit is measured in, shape (S,) each."""
+    """Units in which a violation is measured, shape (S,) each."""
     return {"m": at.length_m, "N": at.force_n, "Nm": at.force_n * at.length_m, "rad": np.ones(len(at.length_m))}

@@ -1,4 +1,5 @@
-"""Whether a plan is about to tip: the limit on the least margin of push that ``plan`` and ``run`` share.
+"""Test for a plan that is about to tip: the limit on the least margin of push that ``plan`` and
+``run`` share.
 
 The verifier reports margins and refuses none: a file that was accepted stays accepted.
 """

@@ -1,4 +1,4 @@
-"""Whether toes find their footholds on a ground that is known from noisy heights.
+"""Test of whether toes find their footholds on a ground that is known from noisy heights.
 
 Grounds are drawn from the certainty of the patches that toes stand on: each surface's plane by its covariance, one
 draw for all of its toes, the ground off it at each toe by its roughness, and its edge at each toe by its deviation. A
@@ -68,7 +68,7 @@ def ground_group(plan: Plan) -> Group | None:
 
 
 def _from_border(patch: Patch, toe_m: Array) -> float:
-    """How far a toe is inside the border of its patch, 0 outside [m]."""
+    """Distance of a toe inside the border of its patch, 0 outside [m]."""
     axes = patch.frame[:, 1:]
     normals, offsets = half_planes((patch.vertices_m - patch.centre_m) @ axes)
     return max(float((offsets - normals @ ((toe_m - patch.centre_m) @ axes)).min()), 0.0)

@@ -1,4 +1,4 @@
-"""What is no trajectory at all, so that nothing of it can be measured."""
+"""Defects of arrays that are no trajectory at all, so that nothing of them can be measured."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from ..files.arrays import LARGEST
 
 
 def defect_of(trajectory: Trajectory, step_s: float) -> str:
-    """What keeps a trajectory from being one at all, so that nothing can be measured; empty when nothing does.
+    """Defect that keeps a trajectory from being one at all, so that nothing can be measured; empty
+    when nothing does.
 
     step_s: the coarsest grid that is believed [s].
     """

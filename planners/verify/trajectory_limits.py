@@ -60,7 +60,8 @@ GROUPS = {
 
 @dataclass(frozen=True, kw_only=True)
 class WalkLimits:
-    """What a trajectory may miss by, the same for every chart; forces in units of m·g, moments of m·g·stand height.
+    """Tolerances for a trajectory, the same for every chart; forces in units of m·g, moments of
+    m·g·stand height.
 
     The two balances are judged by their root mean square over all samples, and by a wide limit on the single sample.
     cone: how far the tangential force may exceed ν times the normal one; 1e-3 m·g on a foot that carries half the

@@ -1,4 +1,4 @@
-"""What a trajectory does between the optimiser's knots, measured from its samples alone.
+"""Measurements of a trajectory between the optimiser's knots, from its samples alone.
 
 Derivatives are differences of neighbouring samples, balances are balances of momentum, and the surface under a point
 is known by heights alone, so that no derivative that a planner relied on is believed.
@@ -44,7 +44,7 @@ class TrajectoryMeasurements:
 
     @cached_property
     def acceleration(self) -> Array:
-        """Of the torso at the inner samples, shape (K − 2, 3) [m/s²]."""
+        """Acceleration of the torso at the inner samples, shape (K − 2, 3) [m/s²]."""
         return np.diff(self.trajectory.torso_m, 2, axis=0) / self.step_s**2
 
     @cached_property
@@ -81,7 +81,8 @@ class TrajectoryMeasurements:
 
     @cached_property
     def ground(self) -> tuple[Array, Array]:
-        """Of the surface at every foot: distance along its normal, shape (K, E) [m], and the normal, (K, E, 3)."""
+        """Distance along the normal, shape (K, E) [m], and normal, (K, E, 3), of the surface at
+        every foot."""
         return self.above(self.trajectory.feet_m)
 
     def above(self, points: Array) -> tuple[Array, Array]:
@@ -99,7 +100,8 @@ class TrajectoryMeasurements:
         return _split(self.trajectory.forces_n, self.ground[1])
 
     def beyond_cone(self, forces_n: Array, normals: Array, suction_n: Array) -> Array:
-        """How far forces, shape (…, E, 3) [N], are outside the cones at these normals, shape (…, E) [N].
+        """Distance of forces, shape (…, E, 3) [N], outside the cones at these normals, shape (…, E)
+        [N].
 
         ‖f_t‖ − ν (f_n + s) or −(f_n + s), whichever is more: a foot that sucks with s, shape (E,), is pressed on by it
         (W5 for s = 0). Without friction the second alone keeps a foot from pulling.
@@ -110,11 +112,13 @@ class TrajectoryMeasurements:
         return np.asarray(np.maximum(tangential - held, -pressed))
 
     def cone(self) -> Series:
-        """How far forces of standing feet that are not adhesive are outside their cones (W5) [N]."""
+        """Distance of forces of standing feet that are not adhesive outside their cones (W5) [N].
+        """
         return self._outside(self._gripping)
 
     def suction(self) -> Series:
-        """How far forces of standing adhesive feet are outside cones that begin at the suction's pull [N]."""
+        """Distance of forces of standing adhesive feet outside cones that begin at the suction's
+        pull [N]."""
         return self._outside(self.trajectory.contact & self.trajectory.adhesive & np.isfinite(self.suction_n))
 
     def _outside(self, asked: Flags) -> Series:
@@ -147,7 +151,7 @@ class TrajectoryMeasurements:
         return self._where(np.linalg.norm(feet - home, axis=-1), contact)
 
     def reach(self) -> Series:
-        """How far feet are outside their boxes in the torso's frame (W4) [m]."""
+        """Distance of feet outside their boxes in the torso's frame (W4) [m]."""
         arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
         local = np.einsum("kji,kej->kei", self.trajectory.rotation, arms)
         low = np.array([foot.reach_min_m for foot in self.robot.feet])
@@ -156,7 +160,7 @@ class TrajectoryMeasurements:
         return self._where(np.linalg.norm(beyond, axis=-1), np.ones_like(self.trajectory.contact))
 
     def domain(self) -> Series:
-        """How far feet and torso are outside the terrain's grid [m]."""
+        """Distance of feet and torso outside the terrain's grid [m]."""
         points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)[..., :2]
         low, high = np.array(self.trajectory.terrain.domain_m).T
         beyond = np.maximum(np.maximum(low - points, points - high), 0.0)
@@ -278,7 +282,7 @@ class TrajectoryMeasurements:
 
 
 def _began(contact: Flags) -> Flags:
-    """Where feet come down, or stand at the first sample, shape (K, E)."""
+    """Tell where feet come down, or stand at the first sample, shape (K, E)."""
     before = np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]])
     return np.asarray(contact & ~before)
 

@@ -1,4 +1,5 @@
-"""What a trajectory's balances leave over, and who could supply it: windows of impulse, cones with what is missing.
+"""Remainders of a trajectory's balances, and the feet that could supply them: windows of impulse,
+cones with what is missing.
 
 The forces of a file balance its motion up to a residual. A robot has to find that residual somewhere: its feet have to
 press it out of the ground besides their own forces, within the same cones, and no window of time may add it up.
@@ -54,7 +55,8 @@ class MomentumMeasurements:
 
     @cached_property
     def _lacking(self) -> Array:
-        """What cones cannot give of the force that the motion needs, of all feet, shape (K − 2,) [N].
+        """Part of the force that the motion needs and that cones cannot give, of all feet, shape (K
+        − 2,) [N].
 
         The force residual is added to the standing feet by their shares of the normal force. What ‖f_t‖ has beyond
         ν (f_n + s) counts, and any pull beyond the suction s; where no foot presses the residual counts whole.
@@ -76,16 +78,18 @@ class MomentumMeasurements:
         return Series(self._lacking[:, None], ("torso",), self.times_s[1:-1])
 
     def traction_impulse(self) -> Series:
-        """That over the whole walk, up to each sample [N s]."""
+        """Impulse of that part over the whole walk, up to each sample [N s]."""
         return Series(np.cumsum(self._lacking)[:, None] * self.step_s, ("torso",), self.times_s[1:-1])
 
     def traction_way(self) -> Series:
-        """How far the centre of mass gets by it, up to each sample, as if all of it pushed one way [m]."""
+        """Distance that the centre of mass gets by it, up to each sample, as if all of it pushed
+        one way [m]."""
         speed = self.traction_impulse().values / self.trajectory.robot.mass_kg
         return Series(np.cumsum(speed, axis=0) * self.step_s, ("torso",), self.times_s[1:-1])
 
     def traction_turn(self) -> Series:
-        """How far the torso turns about the vertical by moments that the standing feet cannot give [rad].
+        """Angle that the torso turns about the vertical by moments that the standing feet cannot
+        give [rad].
 
         A foot gives at most ‖r‖ (‖n‖ + ν) (f_n + s) about the vertical through the centre of mass, all horizontal.
         """
@@ -110,7 +114,8 @@ class MomentumMeasurements:
     # ------------------------------------------------------------------------------------------- both ends
 
     def heading(self) -> Series:
-        """How far the torso's x axis, seen from above, is off the headings asked for at both ends, (2, 1) [rad]."""
+        """Angle of the torso's x axis, seen from above, off the headings asked for at both ends,
+        (2, 1) [rad]."""
         asked = (self.trajectory.heading_rad, self.trajectory.heading_end_rad)
         axes = self.trajectory.rotation[[0, -1], :, 0]
         off = [0.0 if rad is None else float(np.arctan2(x[1], x[0])) - rad for rad, x in zip(asked, axes, strict=True)]

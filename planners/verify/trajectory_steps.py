@@ -1,4 +1,5 @@
-"""How a trajectory steps: how long its feet stand and swing, how they leave the ground, clear it and come back.
+"""Steps of a trajectory: how long its feet stand and swing, how they leave the ground, clear it and
+come back.
 
 A foot that is said to swing is in the air, or its friction would be missing from the balances; one that is said to
 stand stays where it is for long enough to push.
@@ -80,7 +81,8 @@ class StepMeasurements:
         return self._marked((swing, least_m - float(self._middle(swing).min())) for swing in self._swings)
 
     def drag(self, near_m: float) -> Series:
-        """How far a foot goes in a swing while it is nearer to the ground than ``near_m``, along the normal [m]."""
+        """Way of a foot in a swing while it is nearer to the ground than ``near_m``, along the
+        normal [m]."""
         return self._marked((swing, self._dragged(swing, near_m)) for swing in self._swings)
 
     def penetration_between(self) -> Series:

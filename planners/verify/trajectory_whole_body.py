@@ -1,4 +1,5 @@
-"""What a trajectory asks of the robot's own body: joints, torques, bodies, and what legs that weigh something change.
+"""Load of a trajectory on the robot's own body: joints, torques, bodies, and what legs that weigh
+something change.
 
 Angles are found over chains of our own; pinocchio puts the feet and the masses where the robot's URDF has them, and
 says what the joints have to give. Nothing of it is known of a robot that is but boxes.
@@ -33,7 +34,8 @@ def nothing(why: str) -> tuple[Rows, dict[str, str]]:
 
 
 def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Rows, dict[str, str]]:
-    """What the groups of ``WHOLE_BODY`` measure, and why some of them are not checked, by their names.
+    """Measure the groups of ``WHOLE_BODY``, and say why some of them are not checked, by their
+    names.
 
     limits: what is allowed of each. Returns series with their limits, all empty for a robot of boxes or without
     pinocchio, and reasons in words: a file without speed or torque limits, meshes that are not there, no coal.
@@ -113,9 +115,9 @@ class WholeBodyMeasurements:
 
     @cached_property
     def torques_nm(self) -> Array:
-        """What the joints give at the inner samples, (K − 2, J) [Nm]: τ = M q̈ + C q̇ + g − Σ Jᵢᵀ fᵢ + I q̈, the rows of
-        the joints, with the whole robot moving as the trajectory has it and the feet pressed by its forces; I of the
-        rotors."""
+        """Torques of the joints at the inner samples, (K − 2, J) [Nm]: τ = M q̈ + C q̇ + g − Σ Jᵢᵀ
+        fᵢ + I q̈, the rows of the joints, with the whole robot moving as the trajectory has it and
+        the feet pressed by its forces; I of the rotors."""
         pin, known, solver = self._pin, self._known, self.kinematics
         states, between = self._states
         velocity, rising = 0.5 * (between[1:] + between[:-1]), np.diff(between, axis=0) / self.step_s
@@ -132,7 +134,7 @@ class WholeBodyMeasurements:
         return np.asarray(moved + turned - np.einsum("kji,kji->kj", levers, forces[:, solver.legs]))
 
     def torque(self) -> Series:
-        """That as a share of what the joint has, 0 where that is not known, (K − 2, J)."""
+        """Torques as a share of the joints' limits, 0 where the limit is not known, (K − 2, J)."""
         shares = np.abs(self.torques_nm) / self.kinematics.torque_nm
         return Series(shares, self.kinematics.joints, self.times_s[1:-1])
 
@@ -176,7 +178,7 @@ class WholeBodyMeasurements:
         return self.times_s[rows], self.posture(rows)
 
     def posture(self, samples: NDArray[np.intp] | int) -> WholeBody:
-        """Where the whole robot is at samples, or at one."""
+        """Posture of the whole robot at samples, or at one."""
         from ..robot.overlaps import WholeBody
 
         walk, its, k = self.trajectory, self.postures, samples

@@ -280,7 +280,7 @@ def _index(value: float, count: int, where: str) -> int:
 
 
 def _scaled_wrench(course: Problem) -> Array:
-    """What is on the body beside its weight at every frame, non-dimensional, shape (M, 6)."""
+    """Wrench on the body beside its weight at every frame, non-dimensional, shape (M, 6)."""
     if course.wrench is None:
         return np.zeros((course.frames, 6))
     unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])

@@ -53,7 +53,8 @@ def least_works(a: Array, lower: Array, upper: Array, friction: Array, slack: fl
 
 
 def misses_cone(lower: Array, upper: Array, friction: Array) -> NDArray[np.bool_]:
-    """Where no force is within ``SLACK`` of both force box, shape (V, 3) each, and friction cone; shape (V,)."""
+    """Tell where no force is within ``SLACK`` of both force box, shape (V, 3) each, and friction
+    cone; shape (V,)."""
     shear = np.maximum(np.maximum(lower[:, 1:], -upper[:, 1:]), 0.0)
     nearest = np.sqrt((shear * shear).sum(axis=1))
     most = friction * (upper[:, 0] + SLACK) + SLACK  # largest shear

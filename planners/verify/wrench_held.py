@@ -1,4 +1,5 @@
-"""How much of a wrench a stance holds at most: the reason for most proofs that nobody can carry it.
+"""Largest part of a wrench that a stance holds: the reason for most proofs that nobody can carry
+it.
 
 A stance is asked alone, with the multiple σ of its wrench, whatever the robot does before and after:
 
@@ -99,7 +100,8 @@ class _Lift:
         self._body()
 
     def might_hold(self, share: float) -> bool:
-        """Whether the lift has a point with this multiple of the wrench, or the solver does not know."""
+        """Tell whether the lift has a point with this multiple of the wrench, or the solver does
+        not know."""
         x, y, z = borne = np.array([0.0, 0.0, self._numbers.weight[0]]) - share * self._wrench[:3]
         turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # c × b
         blocks = [*self._entries, (np.arange(3, 6)[:, None], self._com, -turn)]

@@ -1,4 +1,4 @@
-"""Making a map for a terrain: the methods of paper W as published, and the product's fast path.
+"""Making a map for a terrain: the methods of Pan et al. as published, and the product's fast path.
 
 The fast path descends the conformal energy with barrier and a soft match from a shear, whose det J is 1, and then snaps
 the ground onto the terrain with a bicubic spline that fades out with height. What is too steep for the cells is matched
@@ -28,7 +28,7 @@ from .spline_map import STEEPEST_FADE, SplineMap, terrain_digest
 
 Method = Literal["fast", "local-global", "accelerated", "gauss-newton"]
 CELLS, HEIGHT_M = (24, 24, 6), 2.3
-"""The grid of a domain of 8 m, and the band: five times ANYmal's height at rest (paper W §V)."""
+"""The grid of a domain of 8 m, and the band: five times ANYmal's height at rest (Pan et al. §V)."""
 MATCH_TOLERANCE_M = 0.0008
 """What the ground may miss the terrain by where it is measured; 1 mm anywhere."""
 BARRIER = 0.01
@@ -58,7 +58,7 @@ class MapFit:
         map: from the band [m] to the world [m]; ``to_file`` writes it.
         report: ``least_det``, how far its ground is from the terrain, conformal error, and what it cost.
     Source:
-        Paper W §IV.
+        Pan et al. §IV.
     Example:
         >>> import stancekit
         >>> stancekit.warp("hill", cells=(8, 8, 3)).report.cells
@@ -74,7 +74,8 @@ def flatten(field: HeightField, cells: tuple[int, int, int] = CELLS, height_m: f
 
     Arguments:
         field: the terrain.
-        cells: of the tri-cubic grid along x̄, ȳ and z̄; more let the map bend more sharply, and cost time in proportion.
+        cells: of the tri-cubic grid along x̄, ȳ and z̄; more let the map bend more sharply, and
+            cost time in proportion.
         height_m: thickness of the band above the terrain [m], about five times the robot's rest height.
     Returns:
         The map from the band [m] to the world [m]; it fits this terrain alone (``SplineMap.check_fits``).
@@ -82,7 +83,7 @@ def flatten(field: HeightField, cells: tuple[int, int, int] = CELLS, height_m: f
         InvalidInput: for a bad grid.
         PlanningFailed: where every map folds, or the terrain is finer than the map's snap can hold.
     Source:
-        Paper W §IV-A and §IV-B; see ``fit_map`` for its own methods, and for a report.
+        Pan et al. §IV-A and §IV-B; see ``fit_map`` for its own methods, and for a report.
     """
     return fit_map(field, cells=cells, height_m=height_m).map
 
@@ -97,7 +98,7 @@ def fit_map(
 ) -> MapFit:
     """Make a map of a terrain (W6): x̄ and ȳ span its domain, z̄ spans 0 to ``height_m`` [m].
 
-    method: fast, checked to have det J > 0 and a match of 1 mm; or paper W's local-global (Algorithm W1) or
+    method: fast, checked to have det J > 0 and a match of 1 mm; or Pan et al.'s local-global (Algorithm W1) or
     gauss-newton (with barrier and line search), as published and without a snap, or Algorithm W1 accelerated. Whatever
     comes of these three is returned: the report says min det J and the match. More cells let the map bend more sharply
     and cost time in proportion.
@@ -143,7 +144,8 @@ def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: floa
 
 
 def _targets(field: HeightField, grid: QuadratureGrid) -> Iterator[tuple[HeightField, float]]:
-    """What the tri-cubic map is matched to, with its smoothing: the terrain, or what its cells can follow."""
+    """Fields that the tri-cubic map is matched to, with their smoothing: the terrain, or what its
+    cells can follow."""
     cell = max(axis.cell_m for axis in grid.axes[:2])
     for share in SMOOTHINGS:
         if share and not field.even:

@@ -1,4 +1,5 @@
-"""The two seeds joined: contact plans of paper E, made on flat ground in warped space, pushed forward to the terrain.
+"""The two seeds joined: contact plans of Lin et al., made on flat ground in warped space, pushed
+forward to the terrain.
 
 A place in warped space is pushed by φ, a body's orientation by the polar factor 𝒫(J) (W13), and a flat patch
 to the tangent patch at its pushed centre, with its shear axes turned by 𝒫(J) and its size kept: φ is no isometry, but

@@ -1,4 +1,4 @@
-"""The second method of paper W §IV-B: Gauss-Newton on W6 with barrier, and a line search that keeps det J > 0.
+"""The second method of Pan et al. §IV-B: Gauss-Newton on W6 with barrier, and a line search that keeps det J > 0.
 
 The residuals are J − UVᵀ|Σ|^(1/3), with the derivatives of U, V and Σ, and φ_z − h(φ_xy) with that of h; the barrier
 −μ Σ log Σ_i = −μ log det J counts with the square of its slope, which is positive. The paper factorises the normal

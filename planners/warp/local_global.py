@@ -27,7 +27,8 @@ Solve = Callable[[Array], Array]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descent:
-    """What a method returns: control points, the energy's parts by iteration, CPU seconds by iteration, and a word."""
+    """Result of a method: control points, the energy's parts by iteration, CPU seconds by
+    iteration, and a word."""
 
     psi: Array
     history: list[Evaluation]

@@ -1,4 +1,4 @@
-"""The finite elements of paper W §IV-A: a tri-cubic B-spline space, its Gauss quadrature and its separable solves.
+"""The finite elements of Pan et al. §IV-A: a tri-cubic B-spline space, its Gauss quadrature and its separable solves.
 
 Arrays go component first: control points ψ have shape (3, nx, ny, nz) with n = cells + 3, Jacobians (3, 3, X, Y, Z)
 with the component in front of the derivative, over the X × Y × Z quadrature points.
@@ -32,7 +32,7 @@ class Axis:
 
     @cached_property
     def basis(self) -> CubicBasis:
-        """Its cells + 3 cubic B-splines."""
+        """Basis of its cells + 3 cubic B-splines."""
         return CubicBasis(self.low + self.cell_m * np.arange(-3.0, self.cells + 4.0))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What is known of a map: conformal error (paper W Fig. 4), injectivity, match, convergence (Fig. 5)."""
+"""Report on a map: conformal error (Pan et al. Fig. 4), injectivity, match, convergence (Fig. 5)."""
 
 from __future__ import annotations
 

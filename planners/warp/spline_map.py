@@ -1,8 +1,9 @@
-"""The map φ from warped space 𝓕 to the world 𝓐 (paper W §IV-A): a tri-cubic B-spline, then a snap onto the terrain.
+"""The map φ from warped space 𝓕 to the world 𝓐 (Pan et al. §IV-A): a tri-cubic B-spline, then a snap onto the terrain.
 
-With s the tri-cubic map, φ = (s_x, s_y, s_z + b(z̄)·δ(s_x, s_y)): δ is how far the terrain lies above the ground of s, a
-bicubic spline over the *world's* x and y, and b fades from 1 at the ground to 0. So det J = det J_s + b′·δ·A with A the
-area that s stretches a horizontal square to: a steep δ folds nothing, only a large one that fades fast could.
+With s the tri-cubic map, φ = (s_x, s_y, s_z + b(z̄)·δ(s_x, s_y)): δ is how far the terrain lies
+above the ground of s, a bicubic spline over the *world's* x and y, and b fades from 1 at the ground
+to 0. So det J = det J_s + b′·δ·A with A the area that s stretches a horizontal square to: a steep δ
+folds nothing, only a large one that fades fast could.
 """
 
 from __future__ import annotations
@@ -237,13 +238,14 @@ class SplineMap:
 
 
 def fading(z_bar: Array, fade_m: float) -> tuple[Array, Array]:
-    """What is left of the snap at a height, 1 at the ground and 0 from fade_m on, C², and its derivative [1/m]."""
+    """Share of the snap that is left at a height, 1 at the ground and 0 from fade_m on, C², and its
+    derivative [1/m]."""
     u = np.clip(np.asarray(z_bar) / fade_m, 0.0, 1.0)
     return np.asarray(1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))), -30.0 * (u * (1.0 - u)) ** 2 / fade_m
 
 
 def terrain_digest(field: HeightField) -> str:
-    """What tells terrains apart: SHA-256 of grid and heights."""
+    """Digest that tells terrains apart: SHA-256 of grid and heights."""
     digest = hashlib.sha256()
     for array in (field.x_m, field.y_m, field.heights_m):
         digest.update(np.ascontiguousarray(array + 0.0, dtype="<f8").tobytes())  # + 0.0: no negative zeros

@@ -34,7 +34,7 @@ PLANNED = 0.95
 
 @dataclass(frozen=True, kw_only=True)
 class BodyFeedback:
-    """How a body is pulled to its place; all in units of its own mass and inertia.
+    """Gains of the pull of a body to its place; all in units of its own mass and inertia.
 
     position_s2, velocity_s, rotation_s2, turn_s: k_p, k_v, k_R, k_ω; all 0 for no feedback. cone_share: of μ that
     forces may use, more where the plan does. least_share: of the weight that a foot which stands presses with, at
@@ -61,7 +61,8 @@ class BodyFeedback:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyPose:
-    """Of the base: origin, shape (3,) [m], R_WB, shape (3, 3), velocity, linear and angular in the world, (6,)."""
+    """Pose of the base: origin, shape (3,) [m], R_WB, shape (3, 3), velocity, linear and angular in
+    the world, (6,)."""
 
     origin_m: Array
     rotation: Array
@@ -151,7 +152,8 @@ class BodyController:
         return self._rows[count]
 
     def _inside(self, force: Array, friction: Array) -> Array:
-        """What the solver left outside of the cones, and of the least force, is taken off; forces: in their frames."""
+        """Project forces into the cones, and onto the least force, which a solver leaves by its
+        tolerance; forces: in their frames."""
         along = np.maximum(force[:, 0], self._feedback.least_share * self._weight)
         share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
         found = np.empty_like(force)

@@ -140,7 +140,8 @@ class ClosedLoop:
 
     @property
     def _steps_left(self) -> int:
-        """How many feet are still to be put down; key frames that were put in for the body alone take none away."""
+        """Number of feet that are still to be put down; key frames that were put in for the body
+        alone take none away."""
         return sum(foothold.frame > self._frame for foothold in self._planning.course.footholds)
 
     def _watch(self) -> None:
@@ -255,7 +256,7 @@ class ClosedLoop:
         return self._slid or bool(self._fell.any()) or (stands and away > limit_m and new)
 
     def _count(self, record: Record, begun: int) -> None:
-        """How far it came."""
+        """Count how far it came."""
         if record.pairs:
             self._frame = begun + round(float(record.pairs[-1][0].sample.frame))
             self._seconds += len(record.pairs) / self.runner.world.rate_hz

@@ -1,4 +1,5 @@
-"""What joint loops are sent: one function for simulations and for what is real, so that both get the same stream."""
+"""Commands to joint loops: one function for simulations and for what is real, so that both get the
+same stream."""
 
 from __future__ import annotations
 

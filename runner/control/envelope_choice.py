@@ -79,7 +79,7 @@ class SelectorPolicy:
 
     @property
     def answers(self) -> tuple[int, int]:
-        """How many plans were made within what was chosen, and how many without."""
+        """Number of plans that were made within the chosen envelopes, and without."""
         planned = [planner for planner in self.planners if planner.within_last is not None]
         inside = sum(bool(planner.within_last) for planner in planned)
         return inside, len(planned) - inside

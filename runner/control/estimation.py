@@ -1,4 +1,5 @@
-"""What the closed loop makes of measurements: where the robot stands, how far off that is."""
+"""State of the robot as the closed loop estimates it from measurements: where the robot stands, how
+far off that is."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def measured_com_m(kinematics: Kinematics, state: State) -> Array:
 
 
 def deviation_m(target: Target, state: State, kinematics: Kinematics, seeks: NDArray[np.bool_]) -> float:
-    """How far the body or a foot that stands is from the plan [m]. seeks: feet that do not yet, shape (N,)."""
+    """Distance of the body, or of a foot that stands, from the plan [m]. seeks: feet that do not
+    yet, shape (N,)."""
     sample = target.sample
     body = float(np.linalg.norm(measured_com_m(kinematics, state) - sample.com_m))
     stands = sample.stands & ~seeks
@@ -39,7 +41,7 @@ def deviation_m(target: Target, state: State, kinematics: Kinematics, seeks: NDA
 def estimate_standing(
     patches: tuple[Patch, ...], state: State, kinematics: Kinematics, terrain: Sequence[Patch] = ()
 ) -> Standing | None:
-    """Where the robot is measured to stand; None where a foot left its patch.
+    """Estimate how the robot stands; None where a foot left its patch.
 
     patches: under all feet. Feet are put back into the planes of theirs. One that slid beyond its patch stands on what
     terrain there is in the same plane, or, where it is only a little beyond all that, on the border: what a plan takes
@@ -66,7 +68,7 @@ def estimate_standing(
 
 
 def _along(patch: Patch, away_m: Array) -> float:
-    """How much of a way is along a patch [m]; rounding is none."""
+    """Part of a way that is along a patch [m]; 0 for rounding errors."""
     along = float(np.linalg.norm(away_m - (away_m @ patch.normal) * patch.normal))
     return along if along > ROUNDING_M else 0.0
 

@@ -1,4 +1,5 @@
-"""Where feet are put down: what is added to their planned places, because of what they feel and where the body is.
+"""Places where feet are put down: what is added to their planned places, because of what they feel
+and where the body is.
 
 Feet that should touch and do not are lowered. Where the body is measured, feet that have landed, early or late, stay
 where they are, and not where they should have landed; those in the air go to their places in the world, or step to
@@ -44,7 +45,7 @@ FADES = 0.9
 
 @dataclass(frozen=True, kw_only=True)
 class ContactFeedback:
-    """What feet that feel do.
+    """Settings of what feet that feel do.
 
     touch_n: a foot that presses this hard on its patch touches it, harder where sensors are noisy. seek_m_s, seek_m:
     how fast a foot that should touch and does not is lowered, and how far. press_hz: rate at which missing internal
@@ -68,7 +69,7 @@ class ContactFeedback:
 
 
 class FootPlacement:
-    """Of the feet of one motion.
+    """Placement of the feet of one motion.
 
     step_s: feet in the air step aside by what the body's velocity error makes in this time; 0 for never. touched: which
     feet have landed, shape (N,). moved_m: what is added to the planned places of all feet, shape (N, 3);
@@ -108,7 +109,7 @@ class FootPlacement:
         return max(self._feedback.touch_n, QUIET * float(np.sqrt(self._variance)))
 
     def _listen(self, below_n: Array) -> None:
-        """How noisy feet are, by what those in the air feel below zero, shape (K,)."""
+        """Estimate the noise of the feet by what those in the air feel below zero, shape (K,)."""
         if below_n.size:
             self._listened = min(self._listened + self._period_s, LISTEN_S)
             self._variance += (2.0 * float(np.mean(below_n**2)) - self._variance) * self._period_s / self._listened
@@ -146,7 +147,7 @@ class FootPlacement:
     def _land(
         self, now: Samples, then: Samples, felt: Array, found: State, rolled: Array
     ) -> NDArray[np.bool_]:
-        """Which feet land just now, early or late, shape (N,); where they do is kept."""
+        """Find the feet that land just now, early or late, shape (N,); where they do is kept."""
         before, stands = self.touched, then.stands
         comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
         early = comes & (felt >= max(EARLY * self._weight, self._touch_n))
@@ -163,7 +164,8 @@ class FootPlacement:
         self._drift = np.where((early & landed)[:, None], 0.0, self._drift)
 
     def _free(self, carried: Array, felt: Array, then: Samples) -> Array:
-        """What feet take of the way from their places to those for a body that is where it should be, (N, 3) [m].
+        """Part that feet take of the way from their places to those for a body that is where it
+        should be, (N, 3) [m].
 
         All of it until they bear; of those that step aside with the body, in the air, half of what is along their
         normals. carried: that way, shape (N, 3).
@@ -185,8 +187,9 @@ class FootPlacement:
             self.shift_m = WITH_FEET * (bear @ self._aside) / bear.sum() * [1.0, 1.0, 0.0]
 
     def _step(self, found: State, body: BodyPose, sample: Samples) -> Array:
-        """How far feet that go with the body step aside, along their surfaces, (N, 3) [m]: to where it comes to rest
-        over them, x + v √(h/g) of what it is off, and a little farther."""
+        """Distance that feet which go with the body step aside, along their surfaces, (N, 3) [m]:
+        to where it comes to rest over them, x + v √(h/g) of what it is off, and a little farther.
+        """
         if self._step_s == 0.0:
             return np.zeros_like(sample.feet_m)
         late, away = found.velocity[:3] - body.velocity[:3], found.position_m - body.origin_m

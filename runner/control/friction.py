@@ -58,7 +58,8 @@ class FrictionInterval:
 
     @property
     def planned_on(self) -> float:
-        """What is planned on: the lower end as soon as a foot slid, before that the course's own friction."""
+        """Share of friction to plan with: the lower end as soon as a foot slid, before that the
+        course's own friction."""
         return self.low if self.slides else 1.0
 
     @property
@@ -76,7 +77,8 @@ class FrictionInterval:
 
 @dataclass(frozen=True, kw_only=True)
 class _Felt:
-    """What one stance says: its ratio, that of a slide or the largest that held, and its noise."""
+    """Evidence of one stance: its ratio, that of a slide or the largest that held, and its noise.
+    """
 
     slid: bool
     ratio: float
@@ -91,7 +93,8 @@ class FrictionEstimator:
         self._felt = list[_Felt]()
 
     def add(self, record: Record, unit: float = 1.0) -> None:
-        """What was measured next. unit: the share of the course's friction that its targets count on."""
+        """Add the next measurements. unit: the share of the course's friction that its targets
+        count on."""
         if len(record.pairs) < 2:
             return
         for felt in _stances(record, self._period_s, unit):
@@ -123,19 +126,20 @@ class FrictionEstimator:
 
 
 def estimated(record: Record, period_s: float) -> FrictionInterval:
-    """Of one record alone."""
+    """Friction that one record alone shows."""
     estimator = FrictionEstimator(period_s)
     estimator.add(record)
     return estimator.interval
 
 
 def _contradicted(old: _Felt, slide: _Felt) -> bool:
-    """Whether there was more friction then than this slide, which came later, leaves room for."""
+    """Tell whether there was more friction then than this slide, which came later, leaves room for.
+    """
     return old.ratio - slide.ratio > CHANGED * float(np.hypot(old.noise, slide.noise))
 
 
 def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
-    """What every stance of a record says, in the order of their ends."""
+    """Evidence of every stance of a record, in the order of their ends."""
     targets, states = zip(*record.pairs, strict=True)
     feet = np.array([state.feet_m - target.rolled_m for target, state in record.pairs])
     normals = np.array([target.sample.normals for target in targets])
@@ -170,7 +174,8 @@ def _runs(foothold: NDArray[np.int_], stood: int) -> Iterator[tuple[int, int]]:
 
 
 def _stance(ratio: Array, moved: Array, counts: NDArray[np.bool_], period_s: float) -> _Felt | None:
-    """What a stance says, in blocks counted from its end; None where it bore nothing all the time."""
+    """Evidence of a stance, in blocks counted from its end; None where it bore nothing all the
+    time."""
     block, held, slid = max(2, round(BLOCK_S / period_s)), 0.0, list[float]()
     for end in range(len(ratio), block - 1, -block):
         rows = slice(end - block, end)

@@ -27,7 +27,8 @@ SMOOTH_S = 0.03
 
 
 class LegOdometry:
-    """Of one motion. first: what is sent first; the first body is where it should be. felt: feet feel forces."""
+    """Odometry of one motion. first: what is sent first; the first body is where it should be.
+    felt: feet feel forces."""
 
     def __init__(self, kinematics: Kinematics, first: Target, rate_hz: float, *, felt: bool = False) -> None:
         self._kinematics, self._rate_hz, self._felt = kinematics, rate_hz, felt
@@ -68,7 +69,7 @@ def leg_odometry(record: Record, kinematics: Kinematics) -> tuple[Array, Array]:
 
 
 def odometry_error_m(record: Record, kinematics: Kinematics) -> float:
-    """How far the body was from where it should be, at most, by leg odometry [m]."""
+    """Largest distance of the body from where it should be, by leg odometry [m]."""
     origins, _ = leg_odometry(record, kinematics)
     return float(np.linalg.norm(origins - [target.origin_m for target, _ in record.pairs], axis=1).max())
 

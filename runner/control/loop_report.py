@@ -1,4 +1,4 @@
-"""What came of a closed loop."""
+"""Report on a closed loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .friction import FrictionInterval
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopReport:
-    """How the run of a policy went.
+    """Report on the run of a policy.
 
     Arguments:
         succeeded: to its end, with the centre of mass where it should be.

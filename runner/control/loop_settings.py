@@ -1,4 +1,4 @@
-"""How a closed loop is run."""
+"""Settings of a closed loop."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""How stiff joint loops are, by what they yield to the forces that feet feel.
+"""Stiffness of joint loops, by how they yield to the forces that feet feel.
 
-A loop τ = Kp (q* − q) − Kd q̇ that is sent q + Kp⁻¹ τ presses with τ if Kp is the one that was counted on; at .7 of it a
-leg presses with .7 of that, and sags. Legs that stand say what share s it is, over the past, which fades:
+A loop τ = Kp (q* − q) − Kd q̇ that is sent q + Kp⁻¹ τ presses with τ if Kp is the one that was
+counted on; at .7 of it a leg presses with .7 of that, and sags. Legs that stand say what share s it
+is, over the past, which fades:
 
     s = argmin Σ ‖τ̂ + Kd q̇ − s Kp (q* − q)‖² + w (s − 1)²,    τ̂ = g(q) − Σ Jᵀ f_felt.
 """
@@ -23,7 +24,7 @@ FARTHEST = 2.0
 
 
 class LoopStiffness:
-    """Of all loops of a robot together. share: s, 1 until something is known."""
+    """Stiffness of all loops of a robot together. share: s, 1 until something is known."""
 
     def __init__(self, drives: Drives, period_s: float, memory_s: float) -> None:
         self._drives, self._period_s = drives, period_s

@@ -1,4 +1,5 @@
-"""What a closed loop plans: a policy observes the coming key frames and chooses a planner, the verifier judges.
+"""Planning in a closed loop: a policy observes the coming key frames and chooses a planner, the
+verifier judges.
 
 Where there is no plan with the feet that the course lifts together, the coming ones are lifted one at a time, first
 those of the next key frame, then all: five limbs hold what three could not. Where there is none even so, the robot need
@@ -37,9 +38,10 @@ NEAR = (0.94, 0.97)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """What a policy sees. window: the coming key frames as a course, from where the robot stands (``standing``, None
-    at the beginning); state: measured last, None at the beginning. friction_share: of the course's friction, the most
-    likely by what feet felt so far. frame: of the whole course."""
+    """Observation of a policy. window: the coming key frames as a course, from where the robot
+    stands (``standing``, None at the beginning); state: measured last, None at the beginning.
+    friction_share: of the course's friction, the most likely by what feet felt so far. frame: of
+    the whole course."""
 
     window: Problem
     standing: Standing | None
@@ -101,7 +103,8 @@ class Replanner:
         return accepted
 
     def _shares(self) -> tuple[float, tuple[float, ...]]:
-        """Of the course's friction, the most likely; and the shares of that which are planned with, in their order."""
+        """Most likely friction, as a share of the course's; and the shares of that which are
+        planned with, in their order."""
         found, shares = self._friction.interval, self._settings.shares
         share = found.share if found.slides else 1.0
         if found.planned_on < share:  # the most likely comes last: where the lower end has no plan
@@ -112,7 +115,8 @@ class Replanner:
     def _rather(
         self, outcome: Answer[Plan], course: Problem, what: str, answer: Callable[[Problem], Answer[Plan]]
     ) -> Answer[Plan]:
-        """That of another course, which takes this one's place, where it has a plan that counts on less friction."""
+        """Prefer the outcome of another course, which takes this one's place, where it has a plan
+        that counts on less friction."""
         other = answer(course)
         if _counts(other) >= _counts(outcome):
             return outcome
@@ -125,7 +129,7 @@ class Replanner:
         self, course: Problem, *, frame: int, share: float, standing: Standing | None, shares: tuple[float, ...],
         limits: WholeBodyLimits | None, horizon: int,
     ) -> Answer[Plan]:  # fmt: skip
-        """What a policy's planner says of a course with this share of its friction."""
+        """Answer of a policy's planner to a course with this share of its friction."""
 
         def planner_of(window: Problem) -> Planner:
             observation = Observation(
@@ -149,7 +153,8 @@ def _easier(course: Problem, frame: int) -> Iterator[tuple[str, Problem]]:
 
 
 def _counts(outcome: Answer[Plan]) -> float:
-    """How much of its course's friction a plan counts on; inf where there is none that joints and bodies can do."""
+    """Share of its course's friction that a plan counts on; inf where there is none that joints and
+    bodies can do."""
     if outcome.solution is None or outcome.status is Status.UNDECIDED:
         return np.inf
     return float(outcome.solution.provenance.get("friction_share", 1.0))

@@ -35,12 +35,12 @@ class Retreat:
 
     @classmethod
     def of_step(cls, motion: PlanMotion, frame: int) -> Retreat:
-        """Of the step to this frame, all of it."""
+        """Retreat along the step to this frame, all of it."""
         return cls(motion, *motion.step_s(frame))
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return SLOWER * (self._end_s - self._begin_s)
 
     @property

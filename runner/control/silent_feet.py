@@ -31,7 +31,8 @@ class SilentFeet:
         self._silent = np.zeros(len(names))
 
     def found(self, target: Target, state: State) -> str:
-        """Which foot is silent, and since when it is known, in one line; empty where none is. One more period."""
+        """Message about a silent foot, and since when it is known, in one line; empty where none
+        is. One more period."""
         sample = target.sample
         wanted_n, felt_n = sample.along_n, np.einsum("ij,ij->i", state.forces_n, sample.normals)
         presses = sample.stands & (wanted_n >= self._presses_n)

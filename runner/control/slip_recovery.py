@@ -1,4 +1,5 @@
-"""What a robot does at once when its feet slide: stay where it is, press harder, put down what is in the air.
+"""Immediate reaction of a robot whose feet slide: stay where it is, press harder, put down what is
+in the air.
 
 No plan is made for that. The body stays at the pose that was measured, the feet that stand press with forces that hold
 on the friction that they just felt, with a reserve (``force_distribution``), and feet in the air go straight to the
@@ -52,7 +53,7 @@ GRIP_S = 0.1
 
 
 class SlipDetector:
-    """Which feet slide, from what is measured in every control period."""
+    """Detector of feet that slide, from the measurements of every control period."""
 
     def __init__(self, rate_hz: float) -> None:
         self._window, self._stood = max(1, round(WINDOW_S * rate_hz)), round(STOOD_S * rate_hz)
@@ -99,7 +100,7 @@ class StandingMotion:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self._land_s + STAND_S
 
     @property
@@ -134,7 +135,7 @@ class SlipRecovery:
         self._distribution = ForceDistribution(len(kinematics.robot.limbs))
 
     def recover(self, plan: Plan, record: Record, shares: Shares, estimate: Estimate) -> tuple[Target, State, float]:
-        """Where that leads to, how it was to be, and how long it took [s].
+        """Recover and return the last target, the last state and the time that it took [s].
 
         record: of the plan's motion so far. estimate: the shares by what was measured with forces for such a share.
         Raises Stopped, HardwareFault.
@@ -193,5 +194,5 @@ class SlipRecovery:
 
 
 def _still_slips(slips: SlipDetector, record: Record, rate_hz: float, target: Target, state: State) -> bool:
-    """Whether feet slide although they were pressed for a while."""
+    """Tell whether feet slide although they were pressed for a while."""
     return bool(slips.slipping(target, state).any()) and len(record.pairs) > GRIP_S * rate_hz

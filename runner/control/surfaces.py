@@ -1,4 +1,5 @@
-"""What feet find out about surfaces: places where nothing is, and planes that are nearer or farther than planned.
+"""Surfaces as feet find them: places where nothing is, and planes that are nearer or farther than
+planned.
 
 A foot that was lowered as far as it may be, and bears nothing, stands on nothing: the place is cut out of every
 candidate there is. Feet that stand say where their surfaces are, along the normals: planes are moved there.
@@ -38,7 +39,7 @@ MOVED_M = 0.004
 
 
 class EmptyStep:
-    """Which feet came down on nothing, from what is measured in every control period."""
+    """Detector of feet that came down on nothing, from the measurements of every control period."""
 
     def __init__(self, rate_hz: float, limbs: int) -> None:
         self._periods = max(1, round(EMPTY_S * rate_hz))
@@ -46,7 +47,8 @@ class EmptyStep:
         self._bore = self._empty = np.zeros(limbs, dtype=int)
 
     def found(self, target: Target, state: State) -> NDArray[np.bool_]:
-        """Which feet came down on nothing, shape (N,), by what was sent and measured in this period and before."""
+        """Tell which feet came down on nothing, shape (N,), by the commands and measurements of
+        this period and before."""
         sample = target.sample
         foothold = sample.foothold
         if self._foothold is None:  # those that stand from the beginning stand on something
@@ -62,7 +64,7 @@ class EmptyStep:
 
     @property
     def seeks(self) -> NDArray[np.bool_]:
-        """Which feet should stand and bore nothing yet, shape (N,)."""
+        """Tell which feet should stand and bore nothing yet, shape (N,)."""
         if self._foothold is None:
             return np.zeros(len(self._bore), dtype=bool)
         return np.asarray((self._foothold >= 0) & (self._bore < self._periods))
@@ -99,14 +101,15 @@ def _around(patch: Patch, place: Patch, toe_m: Array) -> tuple[Patch, ...]:
 
 
 def coplanar(patch: Patch, other: Patch) -> bool:
-    """Whether two patches are of one plane, and look the same way."""
+    """Tell whether two patches are of one plane, and look the same way."""
     apart = (patch.vertices_m[0] - other.vertices_m[0]) @ other.normal
     return bool(patch.normal @ other.normal > 1.0 - 1e-6 and abs(apart) < PLANE_M)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Offsets:
-    """How far planes are from where a course has them: of every plane a patch in it, and its offset along n [m]."""
+    """Distances of planes from where a course has them: for every plane a patch in it, and its
+    offset along n [m]."""
 
     planes: tuple[Patch, ...] = ()
     offsets_m: tuple[float, ...] = ()
@@ -144,7 +147,7 @@ def _shift(foothold: Foothold, moved: Callable[[Patch], Patch]) -> Array:
 
 
 def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinematics) -> Offsets:
-    """Where feet that bear find the planes of the patches that they stand on: the mean of theirs.
+    """Find the planes of the patches under feet that bear: the mean of theirs.
 
     patches: under all feet, as planned.
     """

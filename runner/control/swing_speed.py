@@ -22,8 +22,9 @@ LATE_RAD = 1e-6
 
 
 class SwingSpeed:
-    """Of one motion. velocity_rad_s: greatest of the joints, shape (J,). pace: how fast the motion's time goes, from 0
-    to 1. late: which legs are not yet where they should be, shape (N,)."""
+    """Speed limit of the swinging legs of one motion. velocity_rad_s: greatest of the joints, shape
+    (J,). pace: how fast the motion's time goes, from 0 to 1. late: which legs are not yet where
+    they should be, shape (N,)."""
 
     def __init__(self, kinematics: Kinematics, velocity_rad_s: Array, period_s: float) -> None:
         self._kinematics, self._most, self._period_s = kinematics, SPEED_SHARE * velocity_rad_s, period_s
@@ -63,7 +64,7 @@ class SwingSpeed:
         return np.asarray(np.where(self._each(self.late) > 0.0, led, angles))
 
     def _each(self, legs: Array | NDArray[np.bool_]) -> Array:
-        """What legs have, as their joints have it."""
+        """Values of legs, repeated for their joints."""
         return np.asarray(self._kinematics.of_joints(np.asarray(legs, dtype=np.float64)))
 
     def _used(self, velocity: Array) -> Array:

@@ -39,7 +39,7 @@ ASIDE_RAD = 0.2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Target:
-    """What is sent for one control period, and why; J joints, N limbs.
+    """Command for one control period, and its reasons; J joints, N limbs.
 
     targets_rad: shape (J,). sample: what should be at its end. origin_m: of the body's frame, shape (3,); the centre
     of mass, which should be at sample.com_m, is shift_m away in the body. angles_rad, torques_nm: planned, shape (J,).
@@ -58,7 +58,8 @@ class Target:
     loop_share: float = 1.0
 
     def entry(self) -> dict[str, Any]:
-        """What a log keeps of it beside the command: the planned body and forces, and what every foot stands on."""
+        """Record that a log keeps of it beside the command: the planned body and forces, and what
+        every foot stands on."""
         sample = self.sample
         return {"origin_m": self.origin_m, "forces_n": sample.forces_n, "foothold": sample.foothold.tolist(),
                 "rolled_m": self.rolled_m, "loop_share": self.loop_share}  # fmt: skip
@@ -112,7 +113,7 @@ class Tracker:
         self._turned = first.rotation @ kinematics.foot_frames(self._angles)
 
     def start(self) -> Target:
-        """Where the robot should be before the first period."""
+        """Pose in which the robot should be before the first period."""
         return self._target(*self._coming.at(0.0))
 
     def take_over(self, off_rad: Array, within_s: float) -> None:
@@ -123,12 +124,12 @@ class Tracker:
 
     @property
     def kinematics(self) -> Kinematics:
-        """Of the robot."""
+        """Kinematics of the robot."""
         return self._kinematics
 
     @property
     def coming(self) -> Samples:
-        """What should be at the end of the next period."""
+        """Sample that should be reached at the end of the next period."""
         return self._next[0]
 
     @property
@@ -239,7 +240,7 @@ class Tracker:
         self._turned = turned
 
     def _of(self, legs: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The same of their joints."""
+        """Flags of legs, repeated for their joints."""
         return np.asarray(self._kinematics.of_joints(legs.astype(np.float64)) > 0.0)
 
     def _solved(self, sample: Samples, wish: Array) -> tuple[Array, Array, Array]:
@@ -263,7 +264,7 @@ class Tracker:
 
 @dataclass(frozen=True)
 class _Found:
-    """What a world measured, and the loads of its joints there."""
+    """State that a world measured, and the loads of its joints there."""
 
     state: State
     loads: tuple[Array, Array]

@@ -91,7 +91,7 @@ class BusPace:
 
     @property
     def keeps_up(self) -> bool:
-        """Whether runs on the emulated bus take the time that they would on servos."""
+        """Tell whether runs on the emulated bus take the time that they would on servos."""
         return self.time_share > 0.98 and self.worst_s < 0.2
 
 

@@ -27,7 +27,7 @@ TABLE = tuple(crc16(bytes([byte])) for byte in range(256))
 
 
 def crc_of(data: bytes) -> int:
-    """The same by a table, for packets in a loop."""
+    """CRC by a table, for packets in a loop."""
     crc = 0
     for byte in data:
         crc = (crc << 8 & 0xFFFF) ^ TABLE[crc >> 8 ^ byte]
@@ -52,7 +52,7 @@ def packet(servo: int, instruction: int, parameters: bytes = b"") -> bytes:
 
 
 def status(servo: int, error: int, parameters: bytes = b"") -> bytes:
-    """What a servo answers."""
+    """Status packet with which a servo answers."""
     return packet(servo, STATUS, bytes([error]) + parameters)
 
 
@@ -71,7 +71,7 @@ def fast_status(parts: list[tuple[int, int, bytes]]) -> bytes:
 
 @dataclass(frozen=True)
 class Request:
-    """What came over the wire; sound: its CRC is right. size: bytes on the wire."""
+    """Request that came over the wire; sound: its CRC is right. size: bytes on the wire."""
 
     servo: int
     instruction: int

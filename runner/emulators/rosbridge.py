@@ -119,7 +119,7 @@ class RosBridge:
             self._due.append((time.monotonic() + at_s, kind))
 
     def state(self) -> dict[str, Any]:
-        """What the joints are at, JSON-ready."""
+        """State of the joints, JSON-ready."""
         with self._lock:
             return {
                 "now_s": time.monotonic(), "position_rad": self.robot.position.tolist(),
@@ -195,7 +195,7 @@ class RosBridge:
         client.advertised.setdefault(message["topic"], time.monotonic())
 
     def _knows(self, kind: str) -> bool:
-        """Whether this ROS knows the name of a type; 2 takes those of 1, too."""
+        """Tell whether this ROS knows the name of a type; ROS 2 takes those of ROS 1, too."""
         return kind.count("/") == 1 or (self.ros == 2 and kind.count("/") == 2)
 
     def _unadvertise(self, client: Client, message: dict[str, Any]) -> None:
@@ -221,7 +221,8 @@ class RosBridge:
             client.topics.discard(message["topic"])
 
     def _publish(self, client: Client, message: dict[str, Any]) -> None:
-        """What comes before the topic has its subscribers waits for them, as long as a rosbridge keeps it."""
+        """Hold back messages that come before the topic has its subscribers, as long as a rosbridge
+        keeps them."""
         since_s = time.monotonic() - client.advertised.setdefault(
             message["topic"], time.monotonic()
         )

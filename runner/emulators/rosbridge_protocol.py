@@ -84,7 +84,7 @@ class Client:
 
 
 def operation_wrong(message: Any) -> str | None:
-    """What is wrong with an operation by the protocol, None if nothing is."""
+    """Fault of an operation by the protocol, None if there is none."""
     if not isinstance(message, dict) or not isinstance(message.get("op"), str):
         return "no op"
     needed = OPERATIONS.get(message["op"])
@@ -99,7 +99,7 @@ def operation_wrong(message: Any) -> str | None:
 
 
 def fields_wrong(said: Any, kind: str) -> str | None:
-    """What is wrong with the fields of a message."""
+    """Fault of the fields of a message."""
     if not isinstance(said, dict):
         return f"{kind}: not an object"
     unknown = set(said) - FIELDS[kind]
@@ -107,7 +107,7 @@ def fields_wrong(said: Any, kind: str) -> str | None:
 
 
 def cancel_wrong(said: Any) -> str | None:
-    """What is wrong with a request of action_msgs/srv/CancelGoal for all goals."""
+    """Fault of a request of action_msgs/srv/CancelGoal for all goals."""
     info = said.get("goal_info") if isinstance(said, dict) and set(said) == {"goal_info"} else None
     if not isinstance(info, dict) or set(info) != {"goal_id", "stamp"}:
         return f"CancelGoal: fields {said}"
@@ -117,7 +117,7 @@ def cancel_wrong(said: Any) -> str | None:
 
 
 def path_wrong(said: Any, nanos: str) -> str | None:
-    """What is wrong with a JointTrajectory."""
+    """Fault of a JointTrajectory."""
     if (wrong := fields_wrong(said, "JointTrajectory")) is not None:
         return wrong
     if "header" in said and not set(said["header"]) <= {"stamp", "frame_id", "seq"}:
@@ -137,7 +137,7 @@ def path_wrong(said: Any, nanos: str) -> str | None:
 
 
 def goal_wrong(goal: Any, nanos: str) -> str | None:
-    """What is wrong with a goal of FollowJointTrajectory."""
+    """Fault of a goal of FollowJointTrajectory."""
     found = fields_wrong(goal, "FollowJointTrajectory") or path_wrong(goal["trajectory"], nanos)
     for tolerance in [*goal.get("path_tolerance", []), *goal.get("goal_tolerance", [])]:
         found = found or fields_wrong(tolerance, "JointTolerance")

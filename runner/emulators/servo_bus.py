@@ -160,7 +160,7 @@ class EmulatedBus(threading.Thread):
             )
 
     def state(self) -> dict[str, Any]:
-        """What the servos are at, JSON-ready.
+        """State of the servos, JSON-ready.
 
         still_s: since when none of them has moved. time_share: emulated time over the machine's, 1 where it keeps up.
         """
@@ -315,7 +315,7 @@ class EmulatedBus(threading.Thread):
             os.close(end)
 
     def _right_baud(self) -> bool:
-        """Whether the port talks as fast as the servos listen."""
+        """Tell whether the port talks as fast as the servos listen."""
         if self._pulled:
             return True
         self._baud = BAUDS.get(termios.tcgetattr(self._master)[5], 0)

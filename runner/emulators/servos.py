@@ -172,7 +172,7 @@ class Servos:
             self._changed = True
 
     def reboot(self, index: int) -> None:
-        """What is not in the EEPROM is as at the factory; torque off."""
+        """Reset all that is not in the EEPROM to the factory's values; torque off."""
         self._factory(index, range(EEPROM_END, 256))
         self.jammed[index] = False
         self._began_s[index] = self.now
@@ -215,7 +215,7 @@ class Servos:
         return 0
 
     def _limits(self) -> None:
-        """What the physics needs of the tables."""
+        """Read the numbers that the physics needs from the tables."""
         self._changed = False
         n = range(len(self.ids))
         self._torque = np.array([bool(self.get(i, 64)) for i in n])

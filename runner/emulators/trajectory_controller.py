@@ -92,7 +92,7 @@ class Controller:
         )
 
     def desired(self) -> tuple[Array, Array]:
-        """Where the joints should be now, and how fast."""
+        """Desired positions and speeds of the joints now."""
         return self.path.at(self.now_s)
 
     def load(self, message: dict[str, Any], nanos: str, epoch_s: float = 0.0) -> bool:
@@ -174,7 +174,7 @@ class Controller:
             self.end("aborted", GOAL_VIOLATED)
 
     def _tolerances(self, message: list[dict[str, Any]]) -> Array:
-        """Of the positions; 0 is unspecified."""
+        """Tolerances of the positions; 0 is unspecified."""
         found = {each["name"]: each["position"] for each in message if each["position"] > 0.0}
         return np.array([found.get(name, np.inf) for name in self.names])
 

@@ -6,10 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.motion_table import MotionTable
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked
 from stancekit.planners.files.writing import check_writable, replaced, write_bytes
@@ -18,31 +14,11 @@ from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.motion.sampled import LARGEST_RATE_HZ, table_of
-from stancekit.planners.physics import GRAVITY_M_S2
-from stancekit.planners.robot.legged import walking_robot
-from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.urdf import joint_names
 
 from ..motion.stream import joint_motion
 from ..motion.time_parametrization import RATE_HZ
-from ..worlds.world import Ground, Terrain
-
-Subject = Plan | Trajectory | LeapPlan
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Moved:
-    """A motion on its way out: its table, who moves, over what, and at which moments key frames are reached [s].
-
-    without: why there are no joints, empty where there are.
-    """
-
-    table: MotionTable
-    robot: Robot | None
-    terrain: Terrain
-    gravity_m_s2: float
-    keys_s: tuple[float, ...] = ()
-    without: str = ""
+from .moved import Moved, Subject, scene_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,23 +110,3 @@ def beside(source: Path, to: str) -> Path:
     suffix = FORMATS[to].suffixes[0]
     word = "motion" if to == "npz" else to
     return source.with_suffix(f".{word}{suffix}" if suffix in (".npz", ".json") else suffix)
-
-
-def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
-    """Who moves, what the limbs are called, over what, and how heavy all is."""
-    match subject:
-        case Plan():
-            course = subject.problem
-            chosen = tuple(course.patch(p, subject.choice) for p in range(len(course.footholds)))
-            return course.robot, course.robot.limb_names, course.terrain or chosen, course.gravity_m_s2
-        case Trajectory():
-            ground = Ground(heights=subject.terrain, friction=subject.friction)
-            try:
-                robot: Robot | None = walking_robot(subject.robot)
-            except InvalidInput:
-                robot = None
-            return robot, subject.robot.foot_names, ground, GRAVITY_M_S2
-        case LeapPlan():
-            leap = subject.problem
-            patches = tuple(leap.patch(j, subject.choice) for j in range(len(leap.footholds)))
-            return leap.robot, leap.robot.limb_names, patches, GRAVITY_M_S2

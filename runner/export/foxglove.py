@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
 if TYPE_CHECKING:
-    from .formats import Moved
+    from .moved import Moved
 
 NANO = 1_000_000_000
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -120,7 +120,7 @@ def _schema(keys: Mapping[str, str]) -> bytes:
 
 
 def _messages(moved: Moved, known: Mapping[str, Any], row: int, now: int) -> dict[str, Any]:
-    """What each topic in JSON says at a row."""
+    """Messages of each topic in JSON at a row."""
     stamp = {"sec": now // NANO, "nsec": now % NANO}
     w, x, y, z = known["quaternion"][row].tolist()
     limbs = moved.table.limbs

@@ -20,7 +20,7 @@ from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulated_body import SimulatedBody
 
 if TYPE_CHECKING:
-    from .formats import Moved
+    from .moved import Moved
 
 
 def mjcf_of(moved: Moved) -> str:
@@ -54,7 +54,8 @@ def _text(numbers: list[float]) -> str:
 
 
 def key_names(times_s: Array, keys_s: tuple[float, ...]) -> list[str]:
-    """What each row is called: by its number, and those at which a plan's key frame is reached by that, too."""
+    """Name of each row: by its number, and those at which a plan's key frame is reached by that,
+    too."""
     names = [f"row {k}" for k in range(len(times_s))]
     for frame, time_s in enumerate(keys_s):
         names[int(np.abs(times_s - time_s).argmin())] += f", frame {frame}"

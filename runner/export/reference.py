@@ -19,7 +19,7 @@ from ..worlds.mujoco import MujocoWorld, mujoco_module
 from .mjcf import states
 
 if TYPE_CHECKING:
-    from .formats import Moved
+    from .moved import Moved
 
 
 def reference_of(moved: Moved) -> dict[str, Any]:

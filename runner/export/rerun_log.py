@@ -11,7 +11,7 @@ from stancekit.planners.answer.motion_table import OF_JOINTS
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from .formats import Moved
+    from .moved import Moved
 
 FORCE_M_PER_N = 1e-3
 """Length of the arrows of forces."""

@@ -65,13 +65,13 @@ def check_actuators(
 
 
 def _bears(model: ActuatorModel, torques_nm: Array, period_s: float, share: float) -> bool:
-    """Whether it can give these torques, shape (T, J), at J joints."""
+    """Tell whether an actuator can give these torques, shape (T, J), at J joints."""
     count = torques_nm.shape[1]
     needs = JointNeeds.of([""] * count, [model] * count, torques_nm, period_s)
     return bool(np.all(needs.share_of_stall <= share) and not np.any(needs.heat > 1.0))
 
 
 def _said(model: ActuatorModel, share: float) -> str:
-    """What an actuator can give, for a moment and for ever."""
+    """Words for what an actuator can give, for a moment and for ever."""
     long = "" if model.continuous_nm is None else f" and {model.continuous_nm:.3g} Nm for ever"
     return f"{share:g} of {model.stall_nm:.3g} Nm for a moment{long}"

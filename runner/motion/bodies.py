@@ -29,7 +29,7 @@ def motion_bodies(plan: Plan, targets: Sequence[Target], kinematics: Kinematics)
 
 
 def postures(targets: Sequence[Target], kinematics: Kinematics) -> WholeBody:
-    """Where the whole robot should be at the ends of control periods."""
+    """Postures that the whole robot should have at the ends of control periods."""
     samples = [target.sample for target in targets]
     feet, normals = np.array([each.feet_m for each in samples]), np.array([each.normals for each in samples])
     return WholeBody(

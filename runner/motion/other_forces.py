@@ -18,7 +18,7 @@ class _OtherForces:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self._motion.duration_s
 
     @property
@@ -31,7 +31,7 @@ class Hung(_OtherForces):
     """A motion of a robot that hangs in a stand: its feet carry nothing."""
 
     def at(self, times_s: float | Array) -> Samples:
-        """What should be at a time; the ends are held."""
+        """Sample that should be reached at a time; the ends are held."""
         sample = self._motion.at(times_s)
         return replace(sample, forces_n=np.zeros_like(sample.forces_n))
 
@@ -49,7 +49,7 @@ class LoadTransfer(_OtherForces):
         self._forces, self._within_s = forces_n, within_s
 
     def at(self, times_s: float | Array) -> Samples:
-        """What should be at a time; the ends are held."""
+        """Sample that should be reached at a time; the ends are held."""
         sample = self._motion.at(times_s)
         part = smooth(np.clip(np.asarray(times_s) / self._within_s, 0.0, 1.0))[..., None, None]
         mixed = self._forces + part * (sample.forces_n - self._forces)

@@ -1,4 +1,5 @@
-"""Which of a limb's postures to take along a motion: four joints have one more than a foot's position needs.
+"""Choice of a limb's postures along a motion: four joints have one more than a foot's position
+needs.
 
 Chosen for every limb at once over the whole motion, by dynamic programming over the closed-form family of postures
 (``planners.robot.leg_ik``): comfortable ones, and near each other, so that no joint jumps from one branch to another
@@ -79,7 +80,7 @@ class RedundancyResolution:
         self._end = float(times[-1])
 
     def retimed(self, times_s: Array) -> Self:
-        """The same postures at other times, shape (T,) [s]."""
+        """Resolution with the same postures at other times, shape (T,) [s]."""
         found = copy(self)
         found._set(times_s, self.path_rad)
         return found
@@ -98,7 +99,8 @@ class Continued(Kinematics):
 
 
 def resolved(motion: Motion, kinematics: Kinematics) -> RedundancyResolution:
-    """What inverse kinematics is drawn to along a motion; half of the work before a run, so that trackers share it."""
+    """Resolve the postures that inverse kinematics is drawn to along a motion; half of the work
+    before a run, which trackers share."""
     return RedundancyResolution(motion, kinematics, near_of(kinematics))
 
 

@@ -65,7 +65,7 @@ def soft_start(
 def _deepest(
     kinematics: Kinematics, solids: Solids, pose: tuple[Array, Array], path: Sequence[Array]
 ) -> tuple[float, str]:
-    """How deep feet are in surfaces at most, and whose [m]; negative where all are outside."""
+    """Largest depth of feet in surfaces, and the foot [m]; negative where all are outside."""
     position, rotation = pose
     worst = np.full(len(kinematics.robot.limbs), -np.inf)
     for start, goal in pairwise(path):

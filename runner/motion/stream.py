@@ -74,13 +74,13 @@ def joint_motion(
             walk = GaitMotion(subject, robot.source.foot_radii_m)
             walked = timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
             return _at_rate(walked, kinematics, drives, rate_hz, balanced=True)
-    raise InvalidInput("joints: expected a plan or a walk, got a leap, whose joints are not known")
+    raise InvalidInput("a leap has body, feet and forces: its joints are not planned")
 
 
 def _at_rate(
     timed: TimedMotion[M], kinematics: Kinematics, drives: Drives, rate_hz: float, *, balanced: bool
 ) -> TimedMotion[M]:
-    """The same motion in so many rows per second. balanced: as of ``joint_profile``."""
+    """Convert a motion to this number of rows per second. balanced: as of ``joint_profile``."""
     if rate_hz == RATE_HZ:
         return timed
     wished = timed.profile.wished

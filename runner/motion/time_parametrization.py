@@ -90,7 +90,7 @@ class TimedMotion(Generic[M_co]):
 
     @property
     def duration_s(self) -> float:
-        """How long it is streamed [s]."""
+        """Duration of the stream [s]."""
         return float(self.profile.time_s[-1])
 
     @property
@@ -125,7 +125,8 @@ def unhurried(
     acceleration_rad_s2: float = ACCELERATION_RAD_S2,
     share: float = LIMIT_SHARE,
 ) -> Array:
-    """How much longer phases are to last, or joints would be sent faster than they turn, shape (P,), 1 or more.
+    """Factors by which phases are to last longer, or joints would be sent faster than they turn,
+    shape (P,), 1 or more.
 
     A phase begins and ends at rest, so that each can have a time of its own. velocity_rad_s: limits, shape (J,).
     """
@@ -228,7 +229,7 @@ def undisturbed(
     motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, wished: RedundancyResolution | None = None,
     feedback: ContactFeedback = BLIND,
 ) -> list[Target]:  # fmt: skip
-    """What the tracker sends along a whole motion when all feet feel what they should."""
+    """Targets that the tracker sends along a whole motion when all feet feel what they should."""
     tracker = Tracker(motion, kinematics, rate_hz, feedback, wished=wished)
     targets = [tracker.start()]
     while (target := tracker.next(expected(tracker.coming))) is not None:
@@ -237,8 +238,8 @@ def undisturbed(
 
 
 def expected(sample: Samples) -> Array:
-    """What feet feel when all goes as planned, shape (N, 3) [N]: all touch, however little they carry; of those in the
-    air the tracker takes no notice."""
+    """Forces that feet feel when all goes as planned, shape (N, 3) [N]: all touch, however little
+    they carry; of those in the air the tracker takes no notice."""
     return np.asarray(sample.forces_n + 2.0 * BLIND.touch_n * sample.normals)
 
 

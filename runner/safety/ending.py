@@ -1,4 +1,4 @@
-"""How a run ends: what state the robot is left in, and how long that took.
+"""End of a run: what state the robot is left in, and how long that took.
 
 After a stop nothing moves any more: of the endings only hold and torque-off are left then, and home becomes hold. Where
 an arming was interrupted, no torque is on that was off before, whatever was asked for.

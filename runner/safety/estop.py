@@ -108,7 +108,7 @@ def watched(latch: StopLatch, period_s: float = 0.005) -> Iterator[None]:
 
 
 def is_open(stream: int) -> bool:
-    """Whether the process began with this file descriptor."""
+    """Tell whether the process began with this file descriptor."""
     try:
         os.fstat(stream)
     except OSError:

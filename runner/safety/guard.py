@@ -68,7 +68,7 @@ SATURATED = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What the guard lets through, and when it stops.
+    """Limits within which the guard lets commands through, and at which it stops.
 
     margin_rad: distance kept from the joints' limits. velocity_share: of the joints' greatest velocity. step_rad: most
     that a target may change in one control period. path_rad, path_s: a joint that is farther than this from what it
@@ -170,14 +170,15 @@ class SafeWorld:
 
     @property
     def last_rad(self) -> Array:
-        """What was sent last, or measured where nothing was sent, shape (J,). Raises InvalidInput before ``reset``."""
+        """Targets that were sent last, or measured where nothing was sent, shape (J,). Raises
+        InvalidInput before ``reset``."""
         if self._last is None:
             raise InvalidInput("world: expected reset before anything else")
         return self._last
 
     @property
     def evidence(self) -> str:
-        """What the world knows of its e-stop since it was armed; empty where it has none."""
+        """Evidence of the world about its e-stop since it was armed; empty where it has none."""
         return self.world.evidence if isinstance(self.world, _Evident) else ""
 
     def arm(self) -> None:
@@ -277,14 +278,16 @@ class SafeWorld:
             self.trip(f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}{hint}")
 
     def _still(self, state: State) -> bool:
-        """Whether joints were sent away from where they were measured first, and none has moved."""
+        """Tell whether joints were sent away from where they were measured first, and none has
+        moved."""
         if self._first is None or np.abs(state.angles_rad - self._first).max() > STILL_RAD:
             return False
         return bool(np.count_nonzero(np.abs(state.sent_rad - self._first) > SENT_RAD) > 1)
 
 
 def capabilities_of(world: World) -> WorldCapabilities:
-    """What the world says that it can do; of a simulation, what its servos can, and that it feels everything."""
+    """Capabilities that the world declares; for a simulation those of its servos, and that it feels
+    everything."""
     if isinstance(world, _Capable):
         return world.capabilities
     return WorldCapabilities.of_servos(world.robot, world.servo, world.rate_hz, senses=True)

@@ -55,7 +55,7 @@ class HeartbeatMonitor:
 
     @property
     def pid(self) -> int:
-        """Of the monitor's process."""
+        """Process number of the monitor."""
         return -1 if self._child is None else self._child.pid
 
     def beat(self) -> None:
@@ -121,7 +121,8 @@ class HeartbeatMonitor:
         self._child = None
 
     def _say(self, word: bytes) -> bool:
-        """Whether there was room for it in the pipe; one that is full or broken makes ``gone`` say so."""
+        """Send a word if there is room for it in the pipe; one that is full or broken makes
+        ``gone`` say so."""
         if self._child is None:
             return False
         with contextlib.suppress(BrokenPipeError):
@@ -129,7 +130,7 @@ class HeartbeatMonitor:
         return True  # to one that is gone
 
     def _answered(self) -> bool:
-        """Whether it answered since the last call."""
+        """Tell whether it answered since the last call."""
         assert self._child is not None
         return bool(_pipes(self._child)[1].read(65536))
 

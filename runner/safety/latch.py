@@ -44,7 +44,7 @@ class StopLatch:
 
     @property
     def tripped(self) -> bool:
-        """Whether it was."""
+        """Tell whether it was tripped."""
         return bool(self._first)
 
     @property

@@ -1,4 +1,4 @@
-"""What a world can do, for those who must know before they send anything."""
+"""Capabilities of a world, for those who must know before they send anything."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ class WorldCapabilities:
 
     @classmethod
     def of_servos(cls, robot: Robot, servo: Servo, rate_hz: float, *, senses: bool) -> Self:
-        """What such servos at every joint can do. senses: the body's pose and contact forces are measured."""
+        """Capabilities of such servos at every joint. senses: the body's pose and contact forces
+        are measured."""
         joints, limbs = joint_names(robot), len(robot.limbs)
         return cls(
             joints=joints, rate_hz=rate_hz, lower_rad=np.tile(servo.lower_rad, limbs),
@@ -44,7 +45,7 @@ class WorldCapabilities:
 
     @classmethod
     def of_drives(cls, drives: Drives, rate_hz: float, *, senses: bool) -> Self:
-        """What such drives can do. senses: the body's pose and contact forces are measured."""
+        """Capabilities of such drives. senses: the body's pose and contact forces are measured."""
         return cls(
             joints=drives.joints, rate_hz=rate_hz, lower_rad=drives.lower_rad, upper_rad=drives.upper_rad,
             velocity_rad_s=drives.velocity_rad_s, torque_nm=drives.torque_nm, has_body_pose=senses,

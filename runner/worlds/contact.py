@@ -83,7 +83,8 @@ class SoftContact:
 
 
 def points(depths_m: Array, normals: Array) -> float:
-    """How many points as deep as the deepest carry what several points of one foot do, along the deepest's normal.
+    """Number of points as deep as the deepest that carry as much as several points of one foot do,
+    along the deepest's normal.
 
     Arguments:
         depths_m: shape (n,) [m]; those that are not in the ground count nothing.

@@ -1,4 +1,5 @@
-"""What every world has to be and to say: a driver of one's own is asked before anything moves, and after every step."""
+"""Contract of every world: a driver of one's own is asked before anything moves, and after every
+step."""
 
 from __future__ import annotations
 
@@ -65,7 +66,7 @@ def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
 
 @lru_cache(maxsize=8)
 def _shapes(joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
-    """What a state has, and its shape."""
+    """Shapes of the arrays in a state."""
     return {
         "time_s": (), "bump_n": (), "position_m": (3,), "rotation": (3, 3), "velocity": (6,),
         **dict.fromkeys(("angles_rad", "rates_rad_s", "torques_nm", "sent_rad"), (joints,)),
@@ -74,7 +75,8 @@ def _shapes(joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
 
 
 def _plain_and_finite(state: State, shapes: dict[str, tuple[int, ...]]) -> bool:
-    """Whether all of it is arrays of finite numbers in these shapes, as it nearly always is."""
+    """Tell whether all of it is arrays of finite numbers in these shapes, as it nearly always is.
+    """
     arrays = [getattr(state, name) for name, shape in shapes.items() if shape]
     if not all(type(each) is np.ndarray and each.dtype == np.float64 for each in arrays):
         return False

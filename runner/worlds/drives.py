@@ -1,4 +1,4 @@
-"""What drives the joints of a robot in simulation, and what of it is not as it should be."""
+"""Drives of a robot's joints in simulation, and their imperfections."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Drives:
 
     @cached_property
     def fading(self) -> Array:
-        """How much of its torque a joint loses for every rad/s, as a share, shape (J,) [s]; 0 where it loses none."""
+        """Loss of a joint's torque per rad/s, as a share, shape (J,) [s]; 0 where it loses none."""
         return np.array([1.0 / each.no_load_rad_s if each.curve == "linear" else 0.0 for each in self.actuators])
 
     def torque_range(self, rates_rad_s: Array) -> tuple[Array, Array]:
@@ -78,7 +78,7 @@ class Drives:
         return -self.torque_nm * np.clip(1.0 + lost, 0.0, 1.0), upper
 
     def entry(self) -> dict[str, Any]:
-        """What a log keeps of the loops, so that a replay sends the same."""
+        """Entry of a log about the loops, so that a replay sends the same."""
         return {
             "stiffness_nm_rad": self.stiffness_nm_rad, "damping_nms_rad": self.damping_nms_rad,
             "rotor_kg_m2": self.rotor_kg_m2, "yields": self.yields, "torque_nm": self.torque_nm,
@@ -115,7 +115,8 @@ class Push:
 
 @dataclass(frozen=True, kw_only=True)
 class Imperfections:
-    """What of a simulated robot is not as its file says; drawn once, from the seed.
+    """Imperfections of a simulated robot, by which it differs from its file; drawn once, from the
+    seed.
 
     offset_rad: joints are mounted off by up to so much, either way, and measure themselves wrong by that. noise_rad:
     standard deviation of what they measure. delay_s: from a command to its effect, felt_delay_s: from a contact to when
@@ -141,7 +142,7 @@ class Imperfections:
         check_numbers(self, "imperfections.", above=("stiffness_share", "mass_share"), least=least)
 
     def felt_n(self, forces_n: Array, draw: np.random.Generator) -> Array:
-        """What sensors of the feet read of their forces, shape (N, 3) [N]."""
+        """Forces that sensors of the feet read, shape (N, 3) [N]."""
         read = self.felt_share * forces_n
         if self.felt_noise_n > 0.0:
             read = read + self.felt_noise_n * draw.standard_normal(read.shape)
@@ -149,6 +150,6 @@ class Imperfections:
         return read
 
     def pushed_n(self, time_s: float) -> Array:
-        """Of the pushes at a time, shape (3,) [N]."""
+        """Sum of the pushes at a time, shape (3,) [N]."""
         now = [push.force_n for push in self.pushes if push.at_s <= time_s < push.at_s + push.seconds]
         return sum(map(np.array, now), start=np.zeros(3))

@@ -24,7 +24,7 @@ class NullWorld(LatchedWorld):
         self.steps = 0
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
-        """What was measured; nothing is asked again."""
+        """Return the measured state; nothing is asked again."""
         return self._state
 
     def step(self, targets_rad: Array) -> State:

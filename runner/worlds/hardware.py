@@ -1,4 +1,4 @@
-"""What real robots have in common: joints that are sent angles, period after period, and whose angles are measured."""
+"""Base of real robots: joints receive angles every period, and their angles are measured."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class HardwareWorld(LatchedWorld):
             self._due_s = time.monotonic()
 
     def _state_of(self, angles_rad: Array, rates_rad_s: Array, torques_nm: Array) -> State:
-        """What was measured, shape (J,) each, on the pose that is assumed."""
+        """State that was measured, shape (J,) each, on the pose that is assumed."""
         position, rotation = self._pose
         return State(
             time_s=time.monotonic() - self._start_s,

@@ -236,7 +236,7 @@ class MujocoWorld(SimulatedWorld):
         return self._bodies[contact.geom], (local[:, None] @ contact.frame.reshape(-1, 3, 3))[:, 0]
 
     def _under(self, pairs: NDArray[np.int_]) -> NDArray[np.int_]:
-        """Which foot is on the terrain in each pair of bodies, −1 where none is."""
+        """Foot that is on the terrain in each pair of bodies, −1 where none is."""
         feet = self._foot[np.where(pairs[:, 0] == 0, pairs[:, 1], pairs[:, 0])]
         feet[pairs.all(axis=1)] = -1
         return np.asarray(feet)

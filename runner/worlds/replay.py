@@ -72,7 +72,7 @@ class ReplayWorld(LatchedWorld):
         return self._states[0]
 
     def preload(self, targets_rad: Array) -> bool:
-        """Whether the world of the log was loaded at once."""
+        """Tell whether the world of the log was loaded at once."""
         return self._preloaded
 
     def step(self, targets_rad: Array) -> State:

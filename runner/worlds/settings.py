@@ -1,4 +1,4 @@
-"""What a world is made for, and out of what."""
+"""Settings and parts of a world."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ NEAR = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SimulatedBody:
-    """What a simulator loads.
+    """Description of a body that a simulator loads.
 
     urdf: text, of links with masses and convex shapes; hulls: the contents of the OBJ files that it names. base: the
     root link, whose pose is the body's. joints: the legs', in the model's order. feet: the links that are feet, and
@@ -201,7 +201,8 @@ def _add_rotor(link: Element, rotor_kg_m2: float) -> None:
 
 
 def _rounded_off(inertia: Array) -> float:
-    """What an inertia lacks of each principal moment where no body has it: files round those of thin ones off."""
+    """Shortfall of an inertia's principal moments where no body has them: files round the moments
+    of thin bodies off."""
     small, middle, large = np.linalg.eigvalsh(inertia)
     lacks = max(large - small - middle, LEAST * large - small)
     return float(lacks) if lacks > 0.0 else 0.0

@@ -1,4 +1,5 @@
-"""What simulated worlds have in common: one robot, driven as its servos drive it, physics in steps of a millisecond."""
+"""Base of simulated worlds: one robot, driven as its servos drive it, physics in steps of a
+millisecond."""
 
 from __future__ import annotations
 
@@ -112,7 +113,7 @@ class SimulatedWorld(LatchedWorld):
         return self._measured(self._advanced(self._waiting.popleft() - self._offset))
 
     def _measured(self, state: State) -> State:
-        """What the sensors of joints and feet say of it."""
+        """State as the sensors of joints and feet read it."""
         noise = self.imperfections.noise_rad
         read = state.angles_rad + self._offset
         read = read + noise * self._draw.standard_normal(len(read)) if noise else read

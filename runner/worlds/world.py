@@ -1,4 +1,4 @@
-"""What a world is: joints under position control on a terrain, one control period a step."""
+"""Interface of a world: joints under position control on a terrain, one control period a step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..safety.latch import StopLatch
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """What a world says after a control period; J joints, N limbs.
+    """State of a world after a control period; J joints, N limbs.
 
     time_s: since the reset. position_m, rotation: of the body's frame in the world, shape (3,), (3, 3).
     velocity: linear [m/s] and angular [rad/s], world frame, shape (6,). angles_rad, rates_rad_s, torques_nm: of the
@@ -114,7 +114,7 @@ class Actuator(Stoppable, Protocol):
 
 
 class LatchedWorld(ABC):
-    """What the worlds here have in common: a latch, and that they close at the end of a ``with`` block.
+    """Base of the worlds here: a latch, and that they close at the end of a ``with`` block.
 
     kind: "hardware" unless a world says that it is not.
     """

@@ -1,7 +1,9 @@
 """`stancekit verify`: no claim passes without its evidence, and no evidence for another problem."""
 
 import json
+import sys
 from pathlib import Path
+from subprocess import run
 
 import pytest
 
@@ -130,6 +132,17 @@ def test_a_data_set_is_checked_against_itself(stancekit, labelled):
     assert ran.code == 0
     assert (report["accepted"], report["witnesses"], report["certificates"], report["refused"]) == (True, 8, 8, [])
     assert "accepted         True" in stancekit("verify", labelled).out
+
+
+def test_what_is_not_there_is_said_before_anything_is_imported_that_verifies():
+    script = (
+        "import sys\nfrom stancekit.cli.main import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    print(end.code, 'stancekit.checks' in sys.modules)\n"
+    )
+    for files in (["none"], ["none", "neither"]):
+        said = run([sys.executable, "-c", script, "verify", *files], capture_output=True, text=True, check=False)
+        assert "found nothing there" in said.stderr
+        assert said.stdout == "2 False\n"
 
 
 def test_bad_input_is_one_line(refusal, pairs, labelled):

@@ -141,3 +141,27 @@ def test_drawn_motions_are_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFi
     assert (folder / "rough-0.05-0.csv").stat().st_mtime_ns == before
     assert run("export", "rough:0.05", "--count", "1", "--to", "npz", "--out", folder) == 2
     assert "to: expected 'npz', found motions of another one there" in capsys.readouterr().err
+
+
+def test_a_folder_whose_writer_was_killed_in_its_first_motion_is_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from stancekit import exports
+
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    folder, walked = tmp_path / "drawn", exports.walk
+    monkeypatch.setattr(exports, "walk", killed)
+    assert run("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder) != 0
+    (folder / ".rough-0.05-0.csv.999999-01234567.tmp").write_text("half")
+    monkeypatch.setattr(exports, "walk", walked)
+    assert run("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder) == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["motions.jsonl", "rough-0.05-0.csv"]
+    capsys.readouterr()
+    for text in ("", "[]", '{"format": 1}', "\n3", '\n{"ground": 1}', '\n{"file": 3}'):
+        head = (folder / "motions.jsonl").read_text().splitlines()[0]
+        (folder / "bad").mkdir(exist_ok=True)
+        (folder / "bad" / "motions.jsonl").write_text(head + text if text.startswith("\n") else text)
+        assert run("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder / "bad") == 2
+        assert capsys.readouterr().err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""The file for LeRobot's EnvHub, loaded and called as lerobot.envs.utils (0.4.4) does it."""
+"""The file for LeRobot's EnvHub, called as lerobot.envs.factory and lerobot_eval (0.4.4) do it."""
 
 import importlib.util
 from pathlib import Path
@@ -20,7 +20,12 @@ def test_the_hubs_file_makes_vector_environments_that_step(use_async_envs: bool)
     assert list(made) == ["stancekit"]
     for env in made["stancekit"].values():
         assert isinstance(env, gymnasium.vector.VectorEnv)
-        env.reset(seed=0)
-        *_, info = env.step(env.action_space.sample())
-        assert info["is_success"].shape == (2,)
+        observation, _ = env.reset(seed=0)
+        assert list(observation) == ["environment_state"]  # what lerobot's preprocess_observation takes over
+        assert observation["environment_state"] in env.observation_space["environment_state"]
+        assert env.call("_max_episode_steps") == (1, 1)  # lerobot's rollout asks for it
+        _, _, ended, _, info = env.step(env.action_space.sample())
+        assert ended.all()
+        final = info["final_info"]  # and reads success from there
+        assert (final["is_success"] == (final["p1_feasible"] == final["label"])).all()
         env.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 
@@ -326,3 +327,21 @@ def test_no_label_leaves_the_sheet():
                 assert box.x1 <= right
                 assert below <= box.y0
                 assert box.y1 <= above
+
+
+@pytest.mark.parametrize(
+    ("told", "count"),
+    [
+        (json.dumps([[[0, 0, 0.5], [2, 1, 0.5]], [[0, 0, 0.5], [1, -1, 0.5], [2, 0, 0.5]]]), 2),
+        ("", 0),
+        ("[" * 100_000, 0),
+        ('[[["a", 1, 2], [1, 2, 3]], [[1e999, 0, 0], [0, 0, 0]], [[0, 0, 0]]]', 0),
+        ('{"a": 1}', 0),
+    ],
+)
+def test_guide_paths_of_a_walk_are_shown_and_what_a_file_says_of_them_is_not_believed(told, count):
+    trajectory = walk()
+    view = GaitView(replace(trajectory, provenance={**trajectory.provenance, "guide_m": told}))
+    assert len(view.ways_m) == count
+    assert len(view.fixed.paths) == 2 + count
+    assert any("guide path" in words for _, words in view.legend) == (count > 0)

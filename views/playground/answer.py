@@ -1,4 +1,5 @@
-"""What is said of a scene: at once from its contacts alone, and, once nobody changes it any more, of the whole body."""
+"""Answers about a scene: at once from its contacts alone, and, once nobody changes it any more, of
+the whole body."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ PATIENT_S = 60.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneAnswer:
-    """What is known of a scene.
+    """Answer about a scene.
 
     course: what is asked for; None where it makes no sense. plan: accepted by the verifier as far as its contacts go.
     status: None where there is no course. message: why there is no plan, or what is wrong with it; empty where nothing
@@ -44,7 +45,7 @@ class SceneAnswer:
 
     @property
     def accepted(self) -> bool:
-        """Whether the verifier accepted all of a plan."""
+        """Tell whether the verifier accepted all of a plan."""
         return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
 
 

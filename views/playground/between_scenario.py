@@ -38,7 +38,7 @@ class BetweenScenario:
 
     @property
     def name(self) -> str:
-        """Of the course: that of the file."""
+        """Name of the course, from its file."""
         return Path(self.terrain.file).stem
 
     def sliders(self) -> tuple[Slider, ...]:
@@ -74,12 +74,12 @@ class BetweenScenario:
         raise InvalidInput("surface: expected a course of surfaces to pick one of, got a terrain's file")
 
     def with_robot(self, robot: str) -> BetweenScenario:
-        """The same for another robot."""
+        """Scenario for another robot."""
         return self._with(robot=str(Path(robot).resolve()) if Path(robot).suffix else robot)
 
     @property
     def layouts(self) -> tuple[Alternative, ...]:
-        """Those of ``stancekit plan``."""
+        """Layouts of ``stancekit plan``."""
         return ALTERNATIVES
 
     def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:

@@ -17,7 +17,8 @@ FAR_M = 1e3
 
 
 class Controls:
-    """What a page has to change a scene. on_slid(key, value), on_dragged(key, position_m): called in order."""
+    """Controls with which a page changes a scene. on_slid(key, value), on_dragged(key, position_m):
+    called in order."""
 
     def __init__(
         self, server: Any, on_slid: Callable[[str, float], None], on_dragged: Callable[[str, Array], None]

@@ -32,7 +32,7 @@ class FixedScenario:
 
     @property
     def name(self) -> str:
-        """Of the course."""
+        """Name of the course."""
         return self.laid.name
 
     @property
@@ -81,7 +81,8 @@ class FixedScenario:
         return self._with_surface(lambda patch: replace(patch, vertices_m=patch.vertices_m + by))
 
     def _with_surface(self, change: Callable[[Patch], Patch]) -> FixedScenario:
-        """The same with the picked surface changed, and what of it was offered to toes."""
+        """Scenario with the picked surface changed, and with the pieces of it that toes were
+        offered."""
         assert self.chosen is not None
         surface = self.laid.terrain[self.chosen]
         terrain = [*self.laid.terrain]
@@ -97,7 +98,7 @@ class FixedScenario:
         return replace(self, laid=replace(self.laid, terrain=tuple(terrain), footholds=footholds))
 
     def picked(self, course: Problem, patch: int) -> FixedScenario:
-        """The same with a grip at this patch."""
+        """Scenario with a grip at this patch."""
         return replace(self, chosen=patch)
 
     def with_robot(self, robot: str) -> FixedScenario:
@@ -129,7 +130,7 @@ class FixedScenario:
 
 
 def _is_piece(patch: Patch, surface: Patch) -> bool:
-    """Whether a patch lies on a surface's plane and within its corners' bounds."""
+    """Tell whether a patch lies on a surface's plane and within its corners' bounds."""
     if patch is surface:
         return True
     if float(patch.normal @ surface.normal) < 1.0 - 1e-9:
@@ -141,7 +142,7 @@ def _is_piece(patch: Patch, surface: Patch) -> bool:
 
 
 def _moved(toe_m: Array | None, candidates: tuple[Patch, ...], before: Patch, after: Patch) -> Array | None:
-    """Where a toe that stands already is when its surface moved."""
+    """Place of a toe that stands already when its surface moved."""
     if toe_m is None or not any(_is_piece(each, before) for each in candidates):
         return toe_m
     return toe_m + (after.centre_m - before.centre_m)

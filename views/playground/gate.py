@@ -1,4 +1,4 @@
-"""Who may change a playground, and what with: pages that it served itself, and values that make sense.
+"""Gate of a playground: pages that it served itself, and values that make sense.
 
 A browser lets every page of the web open a websocket to this machine. It says whose page it is (``Origin``), and by
 which name it found us (``Host``); both are looked at before a connection is made. What comes over one is looked at
@@ -29,7 +29,8 @@ log = logging.getLogger(__name__)
 
 
 def may_connect(origin: str | None, host: str | None, names: frozenset[str]) -> bool:
-    """Whether a page may open a websocket: it is one that we served, by an address or a name of this machine.
+    """Tell whether a page may open a websocket: it is one that we served, by an address or a name
+    of this machine.
 
     origin, host: headers of the request. names: of this machine. A page of another scheme, host or port is foreign, and
     so is a request that does not say whose it is. A name that is not ours is one that somebody else's name server has
@@ -116,7 +117,8 @@ def _connection(plain: Any) -> Any:
 
 
 def misfit(raw: Any) -> str:
-    """Which value of a message, as it came, is of another kind than viser expects; empty where none is.
+    """Value of a message, as it came, that is of another kind than viser expects; empty for a sound
+    message.
 
     What is no message at all is left to viser, which ends the connection. What has a tuple of a wrong length it takes,
     with a warning.
@@ -188,7 +190,7 @@ def guard_messages(server: Any) -> None:
 
 
 def wrong(message: Any, server: Any) -> str:
-    """What makes no sense in a message of a page; empty where all does."""
+    """Fault of a message of a page; empty for a sound one."""
     for name, value in vars(message).items():
         if not name.startswith("_") and not _finite(value):
             return f"{name}: expected finite numbers, got {_short(repr(value))}"
@@ -198,7 +200,7 @@ def wrong(message: Any, server: Any) -> str:
 
 
 def _wrong_update(message: Any, server: Any) -> str:
-    """What makes no sense in a new value of a control; a page may change the value, and nothing else of it."""
+    """Fault of a new value of a control; a page may change the value, and nothing else of it."""
     handle = server.gui._gui_input_handle_from_uuid.get(message.uuid)
     if handle is None:
         return ""  # removed meanwhile, or of one page alone

@@ -40,7 +40,7 @@ class Judge:
                 threading.Thread(target=self._work, name="judge", daemon=True).start()
 
     def drop(self) -> None:
-        """What waits is of no use any more."""
+        """Drop what waits: it is of no use any more."""
         with self._lock:
             self._waiting = None
 

@@ -85,18 +85,18 @@ class KeysScenario:
 
     @property
     def name(self) -> str:
-        """Of the course."""
+        """Name of the course."""
         return str(self.keys["name"])
 
     @property
     def robot(self) -> str:
-        """Its name or file; empty for one that the file brings with it."""
+        """Name or file of the robot; empty for one that the file brings with it."""
         robot = self.keys.get("robot", "hexapod")
         return robot if isinstance(robot, str) else ""
 
     @property
     def kind(self) -> str:
-        """Of its terrain."""
+        """Kind of its terrain."""
         return str(self.keys["terrain"]["kind"])
 
     def sliders(self) -> tuple[Slider, ...]:
@@ -180,7 +180,7 @@ class KeysScenario:
         return self._with({**self.keys, "terrain": terrain})
 
     def _led(self, keys: dict[str, Any]) -> KeysScenario:
-        """The same on a path with another start or goal."""
+        """Scenario on a path with another start or goal."""
         if self.follows:
             via = [each if isinstance(each, list | tuple) else each["at_m"] for each in keys.get("via_m", ())]
             start = [*keys["start_m"], keys["goal_m"][2]][:3]
@@ -191,7 +191,7 @@ class KeysScenario:
         return self._with(keys)
 
     def picked(self, course: Problem, patch: int) -> KeysScenario:
-        """The same with its surfaces as a list of polygons, one of which has a grip."""
+        """Scenario with its surfaces as a list of polygons, one of which has a grip."""
         if self.kind == "polygons":
             return self._with(self.keys, chosen=patch)
         terrain = spec_from(self.keys).terrain.along(course.com_nominal_m, self.folder)
@@ -200,12 +200,12 @@ class KeysScenario:
         return self._with({**self.keys, "terrain": keys}, chosen=int(np.argmin(gaps)))
 
     def with_robot(self, robot: str) -> KeysScenario:
-        """The same for another robot, which stands and steps as it does."""
+        """Scenario for another robot, which stands and steps as it does."""
         return self._with(*with_robot(self.keys, self.folder, robot))
 
     @property
     def layouts(self) -> tuple[Alternative, ...]:
-        """Those of ``stancekit plan``."""
+        """Layouts of ``stancekit plan``."""
         return ALTERNATIVES
 
     def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:

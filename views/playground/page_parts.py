@@ -1,4 +1,5 @@
-"""What the playground's pages share: their look, where they are seen from, verdicts, and robots in a menu."""
+"""Parts that the playground's pages share: their look, where they are seen from, verdicts, and
+robots in a menu."""
 
 from __future__ import annotations
 

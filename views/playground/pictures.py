@@ -1,4 +1,4 @@
-"""What a playground shows of a scene and of the answer to it, in parts that change on their own."""
+"""Pictures of a scene and of the answer to it, in parts that change on their own."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Pictures:
         self._ground: tuple[Hashable, Scene] | None = None
 
     def shape(self, robot: Robot) -> RobotShape:
-        """What a robot looks like."""
+        """Shape of a robot."""
         key = (robot.name, robot.identity, tuple((each.name, each.reach_m) for each in robot.limbs))
         if self._shape is None or self._shape[0] != key:
             self._shape = (key, climber(robot))

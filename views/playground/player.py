@@ -36,7 +36,8 @@ class Player:
             self._slider.value = round(self.at, 2)
 
     def offer(self, there: bool) -> None:
-        """Whether there is anything to play; without, neither button nor slider is seen."""
+        """Show the button and the slider if there is something to play; without, neither button nor
+        slider is seen."""
         if not there:
             self.stop()
             self._button.label = "play"

@@ -226,12 +226,12 @@ def struck(course: Problem, origin: Any, direction: Any) -> int | None:
 
 
 def _inside(corners: Array, normal: Array, point: Array) -> bool:
-    """Whether a point on a convex polygon's plane is in it."""
+    """Tell whether a point on a convex polygon's plane is in it."""
     edges = np.roll(corners, -1, axis=0) - corners
     sides = np.cross(edges, point - corners) @ normal
     return bool(np.all(sides >= -1e-9) or np.all(sides <= 1e-9))
 
 
 def _same(robot: str, other: str) -> bool:
-    """Whether two names or paths are those of one robot."""
+    """Tell whether two names or paths are those of one robot."""
     return robot == other or bool(Path(robot).suffix and Path(robot).resolve() == Path(other).resolve())

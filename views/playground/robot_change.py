@@ -51,7 +51,7 @@ def own_kg(spec: CourseSpec, folder: Path) -> float:
 
 
 def _stands_m(keys: Mapping[str, Any], folder: Path) -> float:
-    """How far above its toes the centre of mass is on the course as it is [m]; 0 between walls."""
+    """Height of the centre of mass above its toes on the course as it is [m]; 0 between walls."""
     spec = spec_from(keys)
     model = spec.robot_model(folder)
     if model is None:

@@ -1,4 +1,5 @@
-"""What a playground may change of a scene: sliders and grips, known by their keys; a change gives another scene.
+"""Interface of a playground's scenes: sliders and grips, known by their keys; a change gives
+another scene.
 
 No page takes part. A scene is a value: what it is asked for may make no sense, which ``course`` then says in one line.
 """
@@ -52,7 +53,7 @@ class Scenario(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the course."""
+        """Name of the course."""
         ...
 
     @property
@@ -61,11 +62,11 @@ class Scenario(Protocol):
         ...
 
     def sliders(self) -> tuple[Slider, ...]:
-        """What may be slid."""
+        """Sliders of the scene."""
         ...
 
     def grips(self, course: Problem) -> tuple[Grip, ...]:
-        """What may be dragged. course: what ``course`` gave."""
+        """Grips of the scene, which may be dragged. course: what ``course`` gave."""
         ...
 
     def slid(self, key: str, value: float) -> Scenario:
@@ -77,11 +78,11 @@ class Scenario(Protocol):
         ...
 
     def picked(self, course: Problem, patch: int) -> Scenario:
-        """The same with a grip at this patch of the course's terrain."""
+        """Scenario with a grip at this patch of the course's terrain."""
         ...
 
     def with_robot(self, robot: str) -> Scenario:
-        """The same for another robot, a built-in name or a file."""
+        """Scenario for another robot, a built-in name or a file."""
         ...
 
     @property

@@ -53,7 +53,7 @@ class Session:
 
     @property
     def number(self) -> int:
-        """Of the newest change; 0 before the first."""
+        """Number of the newest change; 0 before the first."""
         with self._news:
             return self._number
 

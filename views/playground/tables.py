@@ -1,4 +1,5 @@
-"""What a playground says beside its picture: the verdict with its reason, and what every limb gives, against limits."""
+"""Tables of a playground beside its picture: the verdict with its reason, and what every limb
+gives, against limits."""
 
 from __future__ import annotations
 
@@ -30,8 +31,8 @@ CARRIES_N = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LimbLoad:
-    """What one limb gives. cone: of its friction cone, torque: of a joint's limit, both as shares; NaN where unknown.
-    torque_nm: of the joint that has the least in hand [Nm]."""
+    """Load of one limb. cone: of its friction cone, torque: of a joint's limit, both as shares; NaN
+    where unknown. torque_nm: of the joint that has the least in hand [Nm]."""
 
     name: str
     force_n: float
@@ -42,7 +43,7 @@ class LimbLoad:
 
 
 def loads(plan: Plan, now: Samples, solver: Kinematics | None) -> list[LimbLoad]:
-    """What every limb gives at a time. solver: of the plan's robot; without it no torque is known."""
+    """Loads of every limb at a time. solver: of the plan's robot; without it no torque is known."""
     found = list[LimbLoad]()
     torques, shares = _torques(plan, now, solver)
     for i, name in enumerate(plan.problem.robot.limb_names):
@@ -125,7 +126,7 @@ def _words(answer: SceneAnswer) -> tuple[str, str, str]:
 
 
 def _accepted(report: Report[Plan]) -> str:
-    """What was judged, and what could not be."""
+    """Line on what was judged, and what could not be."""
     done = ["contacts", *(name for name in WHOLE_BODY if report.group(name).verdict == "holds")]
     finding = report.message.removeprefix(acceptance_word(report.unchecked)).lstrip(":; ")
     words = f"{finding}. Judged: {', '.join(done)}."

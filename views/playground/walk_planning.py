@@ -16,7 +16,8 @@ from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.gait.method.attempt import Attempt
-from stancekit.planners.gait.method.portfolio import Caps, plan_gait
+from stancekit.planners.gait.method.portfolio import Caps
+from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.walk import Walk
 
@@ -26,7 +27,8 @@ ITERATIONS, TOTAL_S = 80, 120.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkAnswer:
-    """What is known of a walk: how far its planning is, or what came of it. seconds: since it was begun."""
+    """Answer about a walk: how far its planning is, or what came of it. seconds: since it was
+    begun."""
 
     done: bool
     message: str
@@ -36,7 +38,7 @@ class WalkAnswer:
 
     @property
     def accepted(self) -> bool:
-        """Whether the verifier accepts it."""
+        """Tell whether the verifier accepts it."""
         return self.report is not None and self.report.accepted
 
 
@@ -101,7 +103,7 @@ def _serve(pipe: Any, task: Walk) -> None:
 
     try:
         settings, caps = GaitSettings(max_iterations=ITERATIONS), Caps(iterations=ITERATIONS, total_s=TOTAL_S)
-        plan = plan_gait(task, settings, progress, caps=caps)
+        plan = plan_walk(task, settings, progress, caps=caps)
         best = plan.best if plan.best is not None and plan.best.solution.success else None
         answer = (True, plan.message, best and best.trajectory, best and best.report)
     except StancekitError as error:

@@ -39,12 +39,12 @@ class WalkScenario:
 
     @property
     def name(self) -> str:
-        """Of the terrain."""
+        """Name of the terrain."""
         return self.terrain.name or "a terrain"
 
     @property
     def takes_s(self) -> float:
-        """How long it walks [s]."""
+        """Duration of the walk [s]."""
         if self.duration_s is not None:
             return self.duration_s
         way = float(np.hypot(self.goal_m[0] - self.start_m[0], self.goal_m[1] - self.start_m[1]))
@@ -66,7 +66,7 @@ class WalkScenario:
         )
 
     def torso_m(self, place: tuple[float, float]) -> Array:
-        """Where the torso is over a place, as the robot stands, shape (3,) [m]."""
+        """Place of the torso over a point, as the robot stands, shape (3,) [m]."""
         (x0, x1), (y0, y1) = self.terrain.domain_m
         inside = np.clip(place, [x0, y0], [x1, y1])
         return np.array([*place, float(self.terrain.height(inside)) + self.walker.stand_height_m])
@@ -81,7 +81,7 @@ class WalkScenario:
         return replace(self, start_m=place) if key == "start" else replace(self, goal_m=place)
 
     def with_robot(self, robot: str) -> WalkScenario:
-        """The same for another robot. Raises InvalidInput."""
+        """Scenario for another robot. Raises InvalidInput."""
         return replace(self, walker=named_walker(robot), robot=robot)
 
     def task(self) -> Walk:

@@ -1,4 +1,5 @@
-"""Charts: coordinates in which a walk is optimised (paper W §IV-C). A chart is a file, and a line in the table here."""
+"""Charts: coordinates in which a walk is optimised (Pan et al. §IV-C). A chart is a file, and a
+line in the table here."""
 
 from __future__ import annotations
 

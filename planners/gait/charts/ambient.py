@@ -1,4 +1,4 @@
-"""The ambient chart: world coordinates, paper W's baseline (W1–W5)."""
+"""The ambient chart: world coordinates, Pan et al.'s baseline (W1–W5)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .rotations import euler, surface_normal
 
 
 class Ambient(Chart):
-    """World coordinates: paper W's baseline (W1)."""
+    """World coordinates: Pan et al.'s baseline (W1)."""
 
     flat = False
 

@@ -1,6 +1,6 @@
 """Charts: how decision variables become world quantities. Every term of the program is written once, over a chart.
 
-A bar marks a chart's coordinates, as in paper W §IV-C. The torso's are (p̄, θ̄), a foot's p̄_i and f̄_i.
+A bar marks a chart's coordinates, as in Pan et al. §IV-C. The torso's are (p̄, θ̄), a foot's p̄_i and f̄_i.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..transcription.taylor import ExpansionPoint, TaylorMap
 
 
 class Chart(ABC):
-    """Coordinates of the torso, of feet and of contact forces (the pushforward of paper W §IV-C).
+    """Coordinates of the torso, of feet and of contact forces (the pushforward of Pan et al. §IV-C).
 
     A chart of your own is a subclass: the four maps to the world (``torso``, ``foot``, ``force`` and, where forces are
     not in the axes of the surface, ``cone``), and their inverses for the initial guess (``torso_bar``, ``foot_bar``,

@@ -15,5 +15,5 @@ class DecoupledChart(Shear):
 
     @classmethod
     def of(cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]) -> Self:
-        """Of the terrain and its smoothed self."""
+        """Chart of the terrain and its smoothed self."""
         return cls(terrain, terrain.smoothed(smoothing_m))

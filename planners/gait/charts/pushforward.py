@@ -1,4 +1,4 @@
-"""A chart as functions of numbers: decision variables pushed forward to the world (paper W §IV-C)."""
+"""A chart as functions of numbers: decision variables pushed forward to the world (Pan et al. §IV-C)."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import casadi as cs
 
 
 def euler(angles: cs.SX) -> cs.SX:
-    """R = R_z(yaw) R_y(pitch) R_x(roll) of θ = (roll, pitch, yaw) [rad], shape (3, 3) (paper W §III-A)."""
+    """R = R_z(yaw) R_y(pitch) R_x(roll) of θ = (roll, pitch, yaw) [rad], shape (3, 3) (Pan et al. §III-A)."""
     cr, cp, cy = (cs.cos(angles[k]) for k in range(3))
     sr, sp, sy = (cs.sin(angles[k]) for k in range(3))
     return cs.vertcat(
@@ -37,5 +37,5 @@ def surface_frame(slope: cs.SX) -> cs.SX:
 
 
 def surface_normal(slope: cs.SX) -> cs.SX:
-    """(−∇h, 1) / ‖·‖ (paper W, after W5), shape (3, 1)."""
+    """(−∇h, 1) / ‖·‖ (Pan et al., after W5), shape (3, 1)."""
     return cs.vertcat(-slope[0], -slope[1], 1.0) / cs.sqrt(1.0 + cs.sumsqr(slope))

@@ -1,4 +1,4 @@
-"""The warped charts (W7, paper W §IV-C): all variables live in the space that the map φ flattens.
+"""The warped charts (W7, Pan et al. §IV-C): all variables live in the space that the map φ flattens.
 
 As published, forces are pushed forward by J and held to the cone of W9, which is the true one only where φ is
 conformal. The exact chart differs in one line: forces are given in the orthonormal frame at the true normal.
@@ -38,7 +38,7 @@ class Warped(Chart):
 
     @classmethod
     def of(cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]) -> Self:
-        """Of the terrain and its map."""
+        """Chart of the terrain and its map."""
         return cls(terrain, flattened())
 
     def torso(self, bar: cs.SX, expansion: ExpansionPoint | None) -> tuple[cs.SX, cs.SX]:

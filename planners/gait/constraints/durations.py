@@ -1,4 +1,5 @@
-"""Optimised phase durations (paper W §III-A): every phase lasts, and no switching time leaves its slack; in seconds."""
+"""Optimised phase durations (Pan et al. §III-A): every phase lasts, and no switching time leaves
+its slack; in seconds."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def dynamics(structure: Structure) -> Constraint:
 
 
 def inertia_block(structure: Structure, nodes: Rows, scatter: Rows) -> Block:
-    """What the torso's motion needs: −m (p̈ − g) and −d/dt (R I ω) at nodes."""
+    """Rows of the torso's motion: −m (p̈ − g) and −d/dt (R I ω) at nodes."""
     form, chart, robot, step_s = (
         structure.settings.dynamics, structure.chart, structure.task.robot, structure.settings.step_s,
     )  # fmt: skip

@@ -1,5 +1,5 @@
 """Start and goal: at rest at the start (y₋₁ = y₋₂ = y₀), with the torso over the given point and heading; over the
-goal at the end, with the heading asked for there, if one is (paper W §V: "the target position is added as a hard
+goal at the end, with the heading asked for there, if one is (Pan et al. §V: "the target position is added as a hard
 constraint on the X-Y plane")."""
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def start(structure: Structure) -> tuple[Constraint, Constraint]:
 
 
 def goal(structure: Structure) -> Constraint:
-    """p_xy = goal at t = T, in metres: a hard constraint (paper W §V)."""
+    """p_xy = goal at t = T, in metres: a hard constraint (Pan et al. §V)."""
     return over(structure, "goal", structure.nodes - 1, structure.task.goal_xy_m)
 
 

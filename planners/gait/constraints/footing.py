@@ -1,8 +1,9 @@
 """Sure footing: the ground about every place where a foot stands is no steeper than friction holds, with some in hand.
 
-Paper W has no such term. A foot that comes down a centimetre off its place on the edge of a stair finds ground that is
-steeper than where it was sent, slips, and a robot that stands on two feet falls. So the slope is limited about a place,
-and not in it alone: ‖∇h(p_xy + d)‖ ≤ σ for d = 0 and four others around it. Feet that stick may stand anywhere.
+Pan et al. have no such term. A foot that comes down a centimetre off its place on the edge of a
+stair finds ground that is steeper than where it was sent, slips, and a robot that stands on two
+feet falls. So the slope is limited about a place, and not in it alone: ‖∇h(p_xy + d)‖ ≤ σ for d = 0
+and four others around it. Feet that stick may stand anywhere.
 """
 
 from __future__ import annotations

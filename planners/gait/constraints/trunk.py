@@ -1,8 +1,8 @@
 """The trunk clear of the terrain: points of its lower face above h(x, y), in metres.
 
-Paper W has no such term; without it a torso dips into the edges of pits and the tops of hills. Rows are written only
-where the terrain-following guess comes near the ground, so that level ground costs nothing: elsewhere the reach boxes
-hold the trunk up.
+Pan et al. have no such term; without it a torso dips into the edges of pits and the tops of hills.
+Rows are written only where the terrain-following guess comes near the ground, so that level ground
+costs nothing: elsewhere the reach boxes hold the trunk up.
 """
 
 from __future__ import annotations

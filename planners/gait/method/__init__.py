@@ -1,1 +1,2 @@
-"""How a walk is found: a guess, a homotopy, smoothing, densification, and a portfolio of attempts on one budget."""
+"""Search for a walk: a guess, a homotopy, smoothing, densification, and a portfolio of attempts on
+one budget."""

@@ -25,14 +25,15 @@ from ..task import GaitSettings
 
 Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
 """Called at every iteration with the attempt, the iteration over all its solves, the largest violation, the cost and
-the phase, ``feasible``, ``smooth`` or ``densify``; may return True to stop."""
+the phase, ``feasible``, ``smooth`` or ``densify``, after "piece 2 of 9, " where there are some; may return True to
+stop."""
 Homotopy = Literal["height", "smoothing"]
 """What makes a terrain gentler: lower heights, or a Gaussian."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """How to solve a task. chart: a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
+    """Method of solving a task. chart: a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
 
     heights: factors on the terrain's gradients, solved one after another, the last is 1.
     by: whether factors below 1 scale the heights, or are what a Gaussian leaves of the steepest gradient.
@@ -46,18 +47,19 @@ class Attempt:
     seed: int = 0
 
     def perturbed(self, seed: int, noise: float = 0.02) -> Attempt:
-        """The same from a perturbed guess."""
+        """Attempt from a perturbed guess."""
         return replace(self, seed=seed, noise=noise)
 
     def guess(self, program: GaitProgram) -> Array:
-        """Its guess for a program, shape (size,): the terrain-following one, with noise where there is any."""
+        """Guess for a program, shape (size,): the terrain-following one, with noise where there is
+        any."""
         if not self.noise:
             return program.guess
         return program.perturbed(np.random.default_rng(self.seed), self.noise)
 
     @property
     def name(self) -> str:
-        """What it is called in tables and files."""
+        """Name in tables and files."""
         words = [self.chart]
         if len(self.heights) > 1:
             words.append(f"{len(self.heights)} {'heights' if self.by == 'height' else 'smoothings'}")
@@ -68,7 +70,8 @@ class Attempt:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempted:
-    """What an attempt came to. solution: of its last stage; iterations, seconds: of all stages, CPU time.
+    """Result of an attempt. solution: of its last stage; iterations, seconds: of all stages, CPU
+    time.
 
     history: the largest violation at every iterate. trajectory, report: of the point it ended at, feasible or not;
     stage: the last height that was solved; stopped: it was ended before its own end, by the caller or at a cap.
@@ -86,7 +89,7 @@ class Attempted:
 
     @property
     def verified(self) -> bool:
-        """Whether the solve succeeded and the verifier accepted."""
+        """Tell whether the solve succeeded and the verifier accepted."""
         return self.solution.success and self.report.accepted
 
 
@@ -150,7 +153,7 @@ class Workbench:
         )  # fmt: skip
 
     def provenance(self, attempt: Attempt, solution: GaitSolution, iterations: int) -> dict[str, Any]:
-        """What a trajectory says of how it was made; no clock is in it."""
+        """Provenance that a trajectory carries, without clock times."""
         return {
             "chart": attempt.chart,
             "heights": " ".join(f"{factor:g}" for factor in attempt.heights),

@@ -1,4 +1,5 @@
-"""What a plan has spent: every solve goes through one budget, which records it, holds it to its caps and shows it."""
+"""Budget of a plan: every solve goes through one budget, which records it, holds it to its caps and
+shows it."""
 
 from __future__ import annotations
 
@@ -19,6 +20,8 @@ from .subprocess import solve_in_subprocess
 LOG = logging.getLogger(__name__)
 FIRST_S, LEAST_S = 1.0, 0.1
 """The first solve, and each one that is begun after it, has at least this time [s]."""
+VERDICT_S = 0.5
+"""Time that is left for the verdict on the point that the last solve ends at [s]."""
 PATIENCE = 10.0
 """A child process may take this many times the CPU time of a solve by the clock."""
 
@@ -61,7 +64,7 @@ class SolveBudget:
         progress: Progress | None = None,
     ) -> None:
         self._solve_s, self._total_s, self._in_subprocess, self._progress = solve_s, total_s, in_subprocess, progress
-        self._began = _cpu_s()
+        self._began = cpu_s()
         self._attempt, self._iterations, self._left = Attempt(), 0, iterations
         self.solves: list[SolveRecord] = []
         self.stopped, self.phase = False, "feasible"
@@ -78,20 +81,27 @@ class SolveBudget:
     @property
     def spent_s(self) -> float:
         """CPU time since its beginning, also that of programs that were written down and of verdicts [s]."""
-        return max(_cpu_s() - self._began, self.seconds)
+        return max(cpu_s() - self._began, self.seconds)
+
+    @property
+    def left_s(self) -> float:
+        """CPU time that is left [s]."""
+        return self._total_s - self.spent_s
 
     @property
     def exhausted(self) -> bool:
-        """Whether there is nothing left to spend, or the caller asked to stop."""
-        return self.stopped or self.spent_s >= self._total_s or self._left <= 0
+        """Tell whether there is nothing left to spend, or the caller asked to stop."""
+        return self.stopped or self.left_s <= VERDICT_S or self._left <= 0
 
     def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
         """Solve within what is left; a solver that hangs or dies has found nothing."""
-        limit_s = min(self._solve_s, max(self._total_s - self.spent_s, LEAST_S if self.solves else FIRST_S))
+        program.build(**options)
+        limit_s = min(self._solve_s, max(self.left_s - VERDICT_S, LEAST_S if self.solves else FIRST_S))
         if self._in_subprocess:
             solution = self._in_child(program, guess, limit_s, options)
         else:
-            solution = program.solve(guess, _TimeLimit(limit_s, self._on_iterate), **options)
+            until = _TimeLimit(time.process_time() + limit_s, self._on_iterate)
+            solution = program.solve(guess, until, **options)
         self.solves.append(self._record(program, solution))
         LOG.info(
             "walk: %s, %s: %d iterations, %s, largest violation %.1e, %.1f CPU-s so far",
@@ -102,8 +112,8 @@ class SolveBudget:
     def _in_child(self, program: GaitProgram, guess: Array, limit_s: float, options: SolveOptions) -> GaitSolution:
         try:
             return solve_in_subprocess(
-                program, guess, time_limit_s=PATIENCE * limit_s, callback=_TimeLimit(limit_s),
-                on_iterate=self._on_iterate, **options,
+                program, guess, time_limit_s=PATIENCE * limit_s, on_iterate=self._on_iterate,
+                callback=_TimeLimit(limit_s), **options,  # the clock of a child begins at 0
             )  # fmt: skip
         except PlanningFailed as error:
             return _nothing(program, guess, limit_s, str(error))
@@ -133,23 +143,21 @@ class SolveBudget:
         )
 
 
-def _cpu_s() -> float:
+def cpu_s() -> float:
     """CPU time of this process and of its children that have ended [s]."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
 
 class _TimeLimit:
-    """Ends a solve at its CPU time, or when on_iterate says so; the time counts from the first iterate on."""
+    """Ends a solve at a CPU time of its process [s], or when on_iterate says so."""
 
-    def __init__(self, limit_s: float, on_iterate: Callable[[int, float, float], bool] | None = None) -> None:
-        self._limit_s, self._on_iterate, self._began = limit_s, on_iterate, -1.0
+    def __init__(self, end_s: float, on_iterate: Callable[[int, float, float], bool] | None = None) -> None:
+        self._end_s, self._on_iterate = end_s, on_iterate
 
     def __call__(self, iteration: int, violation: float, cost: float) -> bool:
-        now = time.process_time()
-        self._began = now if self._began < 0.0 else self._began
         stop = self._on_iterate is not None and self._on_iterate(iteration, violation, cost)
-        return stop or now - self._began > self._limit_s
+        return stop or time.process_time() > self._end_s
 
 
 def _nothing(program: GaitProgram, guess: Array, seconds: float, status: str) -> GaitSolution:

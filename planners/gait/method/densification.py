@@ -69,7 +69,7 @@ class Checks:
         )  # fmt: skip
 
     def __len__(self) -> int:
-        """How many balances and reaches are asked for."""
+        """Number of balances and reaches that are asked for."""
         more = sum(len(found) for found in (self.loads, self.overlaps) if found is not None)
         return int(self.balance.sum() + self.reach.sum()) + more
 

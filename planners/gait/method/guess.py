@@ -87,7 +87,7 @@ class GuessedWalk:
         self._ends_s = structure.task.duration_s - 0.5 * min(edge[-1] - edge[-2] for edge in edges)
 
     def share(self, times_s: Array) -> Array:
-        """How much of the way is behind the torso, with smooth ends, shape (K,)."""
+        """Share of the way that is behind the torso, with smooth ends, shape (K,)."""
         share = np.clip((np.asarray(times_s) - self._begins_s) / (self._ends_s - self._begins_s), 0.0, 1.0)
         return _eased(share, RAMP)
 
@@ -120,8 +120,9 @@ class GuessedWalk:
         return np.column_stack([chart.torso_bar(p), angles])
 
     def footholds(self, foot: int) -> Array:
-        """Where a foot stands, stance by stance, shape (S + 1, 3): on the ground where its nominal place, in the axes
-        of the torso half-way through the stance, is seen from above; up a slope that is ahead of the torso."""
+        """Footholds of a foot, stance by stance, shape (S + 1, 3): on the ground where its nominal
+        place, in the axes of the torso half-way through the stance, is seen from above; up a slope
+        that is ahead of the torso."""
         phases = self._structure.layout.feet[foot].phases
         middles = np.array([np.mean(phases.stance(index)) for index in range(phases.swings + 1)])
         middles[0], middles[-1] = 0.0, self._task.duration_s
@@ -155,7 +156,8 @@ class GuessedWalk:
         return self._structure.chart.force_bar(share, np.tile(bar, (len(times_s), 1)))
 
     def _load(self, foot: int, times_s: Array) -> Array:
-        """How much a foot takes part in carrying, shape (K,): 0 in swing, 1 in stance, ramps of LOADING_S between."""
+        """Part that a foot takes in carrying, shape (K,): 0 in swing, 1 in stance, ramps of
+        LOADING_S between."""
         edges = self._structure.layout.feet[foot].phases.edges_s
         begins, ends = edges[0::2].copy(), edges[1::2].copy()
         begins[0], ends[-1] = -np.inf, np.inf

@@ -66,8 +66,8 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HomotopyPath:
-    """What a homotopy came to. solutions: of all stages in their order, also of those that failed; factors: theirs on
-    the terrain's gradients."""
+    """Result of a homotopy. solutions: of all stages in their order, also of those that failed;
+    factors: theirs on the terrain's gradients."""
 
     solutions: tuple[GaitSolution, ...]
     factors: tuple[float, ...]

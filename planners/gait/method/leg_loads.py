@@ -1,4 +1,5 @@
-"""What the joints of a walk give, and how that changes: the numbers of ``constraints.torque`` about one trajectory.
+"""Joint torques of a walk, and their derivatives: the numbers of ``constraints.torque`` about one
+trajectory.
 
 Kinematics are chains of our own, as far as the rows go; how much of a joint's torque is not the foot's force is taken
 from the verifier, which has it by pinocchio of the whole robot.

@@ -1,4 +1,5 @@
-"""Where links of a walk go through each other or the ground, and how that changes: for ``constraints.bodies``."""
+"""Overlaps of a walk's links with each other and the ground, and their derivatives, for
+``constraints.bodies``."""
 
 from __future__ import annotations
 
@@ -50,7 +51,7 @@ def leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
 
 
 class _Slopes:
-    """How an overlap's depth changes with the feet in the torso's frame, and with the torso."""
+    """Derivatives of an overlap's depth in the feet in the torso's frame, and in the torso."""
 
     def __init__(self, body: WholeBodyMeasurements, bodies: Bodies) -> None:
         self._body, self._bodies, self._walk = body, bodies, body.trajectory
@@ -72,8 +73,9 @@ class _Slopes:
         return feet, np.array(depth), at, by_foot, torso, rotation, by_torso
 
     def _homeward(self, overlap: Overlap, posture: WholeBody, legs: list[int], at: Array) -> tuple[float, Array]:
-        """How far feet have to go towards where they stand for the links to come apart, as a depth [m], and the
-        direction. Links may be thinner than they are deep in each other, so that a tangent leads nowhere."""
+        """Distance that feet have to go towards where they stand for the links to come apart, as a
+        depth [m], and the direction. Links may be thinner than they are deep in each other, so that
+        a tangent leads nowhere."""
         home = np.array([self._walk.robot.feet[leg].nominal_m for leg in legs]) - at[: len(legs)]
         for share in np.linspace(0.0, 1.0, TRIES):
             moved = posture

@@ -41,10 +41,11 @@ WIDENED = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Caps:
-    """What a plan may cost. iterations: of one solve that looks for a feasible point; solve_s, total_s: CPU time of
-    one solve, and of all that is done, verdicts between solves among it [s]; total_iterations: of all solves, None for
-    no such limit; with times that are never met, a walk is the same on a busy computer. densifications: how often rows
-    are added; smoothing: of the second phase.
+    """Caps on the cost of a plan. iterations: of one solve that looks for a feasible point;
+    solve_s, total_s: CPU time of one solve, and of all that is done, verdicts between solves among
+    it [s]; total_iterations: of all solves, None for no such limit; with times that are never met,
+    a walk is the same on a busy computer. densifications: how often rows are added; smoothing: of
+    the second phase.
 
     in_subprocess: solves in child processes that are ended at ten times solve_s by the clock, since a solver may hang.
     """
@@ -59,7 +60,7 @@ class Caps:
 
     @property
     def phases(self) -> dict[str, Any]:
-        """What comes after a feasible point, as JSON-ready values."""
+        """Settings of the phases after a feasible point, as JSON-ready values."""
         return {"smoothing": asdict(self.smoothing), "densifications": self.densifications}
 
     def __post_init__(self) -> None:
@@ -117,7 +118,7 @@ class Attempts:
 
     @property
     def verified(self) -> bool:
-        """Whether there is a walk that the verifier accepts."""
+        """Tell whether there is a walk that the verifier accepts."""
         return self.best is not None and self.best.verified
 
     @property
@@ -248,7 +249,8 @@ class PortfolioRun:
             solution = solution.on(self.bench.program(attempt.chart))
         searched = len(budget.solves)
         refines = solution.success and not self._checkpoint.done(index)
-        best = _verified(solution, body=not refines)
+        worth = solution.success or not budget.exhausted  # bodies on no walk's way take longer to judge than on one's
+        best = _verified(solution, body=worth and not refines)
         self.feasible.append(best[1] if solution.success else None)
         if refines:
             best = self._refined(best, lambda x: self._checkpoint.note(index, len(attempt.heights) - 1, x))

@@ -19,7 +19,7 @@ from ..gait_program import Costs, GaitProgram, GaitSolution, SolveOptions
 
 
 class Solver(Protocol):
-    """What solves a program from a guess, here or elsewhere."""
+    """Solver of a program from a guess, here or elsewhere."""
 
     def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
         """Solve it, with the options of ``GaitProgram.solve``."""
@@ -27,7 +27,8 @@ class Solver(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Smoothing:
-    """How to smooth. rounds: at most; iterations: of the solver on the cost in each; repair: to be feasible again.
+    """Settings of smoothing. rounds: at most; iterations: of the solver on the cost in each;
+    repair: to be feasible again.
 
     costs: weights of the terms, the first of the distance from the feasible point. enough_g: a peak acceleration that
     needs no more rounds [g]; gain: least share by which a round has to lower the peak for another one to follow, which

@@ -2,32 +2,35 @@
 the robot stands, so that the next one begins there, and all together are one walk, which the verifier judges as a
 whole.
 
-What a piece costs depends on its own length; one that has no walk is tried as two of half its length.
+What a piece costs depends on its own length. One that has no walk is tried as two of half its length, and then another
+way is taken round its middle. What is planned is kept after every piece, and a run that was interrupted goes on there.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import math
-import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...answer.report import Report
-from ...answer.trajectory import Trajectory
+from ...answer.trajectory import SAMPLES, Trajectory
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array
+from ...problem.candidates import NoPlace
 from ...problem.guide_path import Footprint, GuidePath, guide_over
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
 from ..constraints.footing import steepest
 from ..task import GaitSettings
 from .attempt import Attempt, Attempted, Progress
-from .budget import SolveRecord
-from .checkpoint import Checkpoint
+from .budget import SolveRecord, cpu_s
+from .checkpoint import CUT, DONE, ROUND, Checkpoint
 from .portfolio import Attempts, Caps, default_attempts, plan_gait
 
 LOG = logging.getLogger(__name__)
@@ -45,6 +48,8 @@ EVEN_S = 0.5
 """Pieces last a whole number of these, which spacings of knots and nodes divide [s]."""
 AGAIN = 2
 """So often a piece without a walk is cut in two."""
+DETOURS = 2
+"""Other ways that are tried, all pieces together."""
 PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
@@ -53,8 +58,8 @@ def guided(task: Walk) -> GuidePath | None:
     """The guide path of a walk that is planned in pieces: one that is long, or whose straight way is barred; else None,
     also for a short walk without such a path, which may be walked all the same: nothing is proved by its absence.
 
-    Raises InvalidInput for a long walk whose start or goal the robot cannot stand at, and PlanningFailed where a long
-    one has no way.
+    Raises InvalidInput for a start or goal in a solid, and of a long walk also for one that the robot cannot stand at,
+    and PlanningFailed where a long one has no way.
     """
     length = float(np.linalg.norm(task.goal_xy_m - task.start_xy_m))
     turns = task.yaws()[0] != task.yaws()[1]
@@ -62,11 +67,20 @@ def guided(task: Walk) -> GuidePath | None:
         return None
     footprint = Footprint.of_walker(task.robot, task.start_yaw_rad)
     ends = np.array([task.start_xy_m, task.goal_xy_m])
+    for name, place in zip(("start_xy_m", "goal_xy_m"), ends, strict=True):
+        ground = float(np.median(task.terrain.height(place + footprint.toes_m[:, :2])))
+        high = float(task.terrain.height(place)) - ground
+        if high > task.robot.stand_height_m:  # the torso would be in it
+            raise NoPlace(
+                f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in a solid that is "
+                f"{high:.3g} m high"
+            )
     try:
         path, straight = guide_over(task.terrain, footprint, ends, task.friction)
     except (InvalidInput, PlanningFailed) as error:
         if length >= FAR_M:
-            raise
+            name, colon, rest = str(error).partition(":")
+            raise type(error)(f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)) from None
         LOG.info("walk: no guide path: %s", error)
         return None
     return None if straight and length < FAR_M else path
@@ -82,7 +96,7 @@ def pieces_of(task: Walk, path: GuidePath) -> list[Walk]:
 
 
 def _lasting(seconds: float) -> float:
-    """So long, to ``EVEN_S`` and no shorter than a piece may be [s]."""
+    """Duration, rounded to ``EVEN_S`` and no shorter than a piece may be [s]."""
     return max(LEAST_S, EVEN_S * round(seconds / EVEN_S))
 
 
@@ -106,19 +120,18 @@ def _spread(corners: Array) -> Array:
 
 def joined_walks(task: Walk, walks: Sequence[Trajectory]) -> Trajectory:
     """Walks each of which begins where the one before ends, as one."""
-    first, clock = walks[0], 0.0
+    first, last, clock = walks[0], walks[-1], 0
     parts: dict[str, list[Any]] = {}
-    step_s = first.step_s
     for number, walk in enumerate(walks):
         own = slice(0 if number == 0 else 1, None)
         for name in ("torso_m", "rotation", "feet_m", "forces_n", "contact"):
             parts.setdefault(name, []).append(getattr(walk, name)[own])
         clock += walk.samples - (number > 0)
     whole: dict[str, Any] = {name: np.concatenate(each) for name, each in parts.items()}
-    times_s = np.asarray(step_s * np.arange(int(clock)), dtype=np.float64)
+    times_s = np.asarray(first.step_s * np.arange(clock), dtype=np.float64)
     return replace(
-        first, **whole, times_s=times_s, goal_xy_m=task.goal_xy_m, heading_end_rad=task.end_yaw_rad,
-        provenance={**first.provenance, "pieces": float(len(walks))},
+        last, **whole, times_s=times_s, start_xy_m=first.start_xy_m, heading_rad=first.heading_rad,
+        heading_end_rad=task.end_yaw_rad,
     )  # fmt: skip
 
 
@@ -135,7 +148,7 @@ def plan_walk(
     piece; the one attempt is then the whole.
 
     Arguments and errors are those of ``plan_gait``; a walk without a way has no attempts, and its failure names what is
-    in the way. checkpoint: of a walk in one piece; one in pieces begins anew.
+    in the way. checkpoint: of a walk in pieces keeps those that are done.
     """
     settings, caps = settings or GaitSettings(), caps or Caps()
     try:
@@ -144,49 +157,125 @@ def plan_walk(
         return Attempts(walk=task, attempts=(), feasible=(), solves=(), failures=(str(error),))
     if path is None:
         return plan_gait(task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint)
-    begun = time.process_time()
+    begun, kept = cpu_s(), checkpoint or Checkpoint(None, task, settings, attempts or ())
     done, solves = list[Attempted](), list[SolveRecord]()
-    left = [(piece, 0) for piece in pieces_of(task, path)]
-    while left:
-        piece, cut = left.pop(0)
-        remains_s = caps.total_s - (time.process_time() - begun)
-        share_s = min(remains_s, PATIENCE * remains_s / (len(left) + 1))
+    way, walked = _gone_on(task, path, kept)
+    while way.left:
+        piece, cut = way.left[0]
+        remains_s = caps.total_s - (cpu_s() - begun)
+        share_s = min(remains_s, PATIENCE * remains_s / len(way.left))
         if share_s <= 0.0:
-            return _ended(
-                task, done, solves, f"the time limit ended after {len(done)} pieces of {len(left) + 1 + len(done)}"
-            )
+            count = way.outcomes.count(DONE)
+            return _ended(task, way, solves, f"the time limit ended after {count} pieces of {len(way.left) + count}")
         own = default_attempts(piece) if attempts is None or len(attempts) > 1 else attempts
-        found = plan_gait(
-            piece, replace(settings, poised=True), progress, caps=replace(caps, total_s=share_s), attempts=own
-        )
+        told, its = None if progress is None else way.telling(progress), replace(caps, total_s=share_s)
+        found = plan_gait(piece, replace(settings, poised=True), told, caps=its, attempts=own)
         solves += found.solves
-        LOG.info("walk: piece %d, %d to go: %s", len(done) + 1, len(left), found.message)
+        LOG.info("walk: piece %d, %d to go: %s", way.outcomes.count(DONE) + 1, len(way.left) - 1, found.message)
+        if found.stopped:
+            return replace(_ended(task, way, solves, found.message), stopped=True)
         if found.best is not None and found.verified:
             done.append(found.best)
-            continue
-        if found.stopped:
-            return replace(_ended(task, done, solves, found.message), stopped=True)
-        if cut >= AGAIN:
-            return _ended(
-                task, done, solves, f"from ({piece.start_xy_m[0]:.2f}, {piece.start_xy_m[1]:.2f}): {found.message}"
-            )
-        middle = 0.5 * (piece.start_xy_m + piece.goal_xy_m)
-        half_s = _lasting(0.5 * piece.duration_s)
-        left[:0] = [
-            (_between(task, piece.start_xy_m, middle, half_s), cut + 1),
-            (_between(task, middle, piece.goal_xy_m, half_s), cut + 1),
-        ]
-    whole = joined_walks(task, [one.trajectory for one in done])
+            outcome = DONE
+        else:
+            outcome = CUT if cut < AGAIN else ROUND
+        try:
+            way.go(outcome)
+        except (InvalidInput, PlanningFailed) as error:
+            place = f"from ({piece.start_xy_m[0]:.2f}, {piece.start_xy_m[1]:.2f})"
+            other = f"; another way: {error}" if str(error) else ""
+            return _ended(task, way, solves, f"{place}: {found.message}{other}")
+        if outcome == DONE:
+            assert found.best is not None
+            walked = joined_walks(task, [*([] if walked is None else [walked]), found.best.trajectory])
+        samples = {} if walked is None else {name: getattr(walked, name) for name in SAMPLES}
+        if way.left:
+            kept.keep_pieces(way.outcomes, samples)
+    assert walked is not None
+    whole = replace(walked, goal_xy_m=task.goal_xy_m, provenance={**walked.provenance, **way.told})
     report: Report[Trajectory] = check_trajectory(whole)
-    last = done[-1]
     attempt = replace(
-        last, trajectory=whole, report=report, iterations=sum(one.iterations for one in done),
+        done[-1], trajectory=whole, report=report, iterations=sum(one.iterations for one in done),
         seconds=sum(one.seconds for one in done), history=np.concatenate([one.history for one in done]),
     )  # fmt: skip
     return Attempts(walk=task, attempts=(attempt,), feasible=(report,), solves=tuple(solves))
 
 
-def _ended(task: Walk, done: Sequence[Attempted], solves: Sequence[SolveRecord], why: str) -> Attempts:
+class _Way:
+    """The pieces of a walk that are left, and what became of those before: the same outcomes leave the same pieces."""
+
+    def __init__(self, task: Walk, path: GuidePath) -> None:
+        self._task, self._pace = task, task.duration_s / path.length_m
+        self.paths_m, self._avoid_m = [path.points_m], list[Array]()
+        self.outcomes = list[str]()
+        self.left = [(piece, 0) for piece in pieces_of(task, path)]
+
+    @property
+    def told(self) -> dict[str, str | float]:
+        """Number of pieces, and the guide path and the ways that were left for another, for pictures."""
+        paths = [np.round(points, 3).tolist() for points in self.paths_m]
+        return {"pieces": float(self.outcomes.count(DONE)), "guide_m": json.dumps(paths)}
+
+    def telling(self, progress: Progress) -> Progress:
+        """Progress that reports the piece with the phase."""
+        number = self.outcomes.count(DONE) + 1
+        piece = f"piece {number} of {number - 1 + len(self.left)}"
+
+        def told(attempt: Attempt, iteration: int, violation: float, cost: float, phase: str) -> bool | None:
+            return progress(attempt, iteration, violation, cost, f"{piece}, {phase}")
+
+        return told
+
+    def go(self, outcome: str) -> None:
+        """Go on after what became of the next piece. Raises InvalidInput and PlanningFailed where there is no other
+        way round a piece that failed."""
+        piece, cut = self.left[0]
+        if outcome == ROUND:
+            if len(self._avoid_m) >= DETOURS:
+                raise PlanningFailed("")
+            place = 0.5 * (piece.start_xy_m + piece.goal_xy_m)
+            ends = np.array([piece.start_xy_m, self._task.goal_xy_m])
+            footprint = Footprint.of_walker(self._task.robot, self._task.start_yaw_rad)
+            avoid = [*self._avoid_m, place]
+            path, _ = guide_over(self._task.terrain, footprint, ends, self._task.friction, avoid)
+            onward = replace(self._task, start_xy_m=ends[0], duration_s=self._pace * path.length_m)
+            self._avoid_m, self.left = avoid, [(each, 0) for each in pieces_of(onward, path)]
+            self.paths_m.append(path.points_m)
+        elif outcome == CUT:
+            middle, half_s = 0.5 * (piece.start_xy_m + piece.goal_xy_m), _lasting(0.5 * piece.duration_s)
+            self.left[:1] = [
+                (_between(self._task, piece.start_xy_m, middle, half_s), cut + 1),
+                (_between(self._task, middle, piece.goal_xy_m, half_s), cut + 1),
+            ]
+        else:
+            del self.left[0]
+        self.outcomes.append(outcome)
+
+
+def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Trajectory | None]:
+    """The way, as far as an interrupted run had gone, and what it had planned, which is judged anew; from the start
+    where that is not this way's or not accepted."""
+    way = _Way(task, path)
+    if not kept.pieces:
+        return way, None
+    with suppress(InvalidInput, PlanningFailed, KeyError, IndexError, TypeError, ValueError):
+        for outcome in kept.pieces:
+            way.go(outcome)
+        place = way.left[0][0].start_xy_m
+        if DONE not in way.outcomes:
+            return way, None
+        walked = Trajectory(
+            **{name: kept.samples[name] for name in SAMPLES}, robot=task.robot, terrain=task.terrain,
+            friction=task.friction, adhesive=np.array(task.adhesive),
+            start_xy_m=task.start_xy_m, goal_xy_m=place, heading_rad=task.start_yaw_rad, still=(True, True),
+        )  # fmt: skip
+        if check_trajectory(walked).accepted:
+            LOG.info("walk: goes on after %d pieces", way.outcomes.count(DONE))
+            return way, walked
+    return _Way(task, path), None
+
+
+def _ended(task: Walk, way: _Way, solves: Sequence[SolveRecord], why: str) -> Attempts:
     """No walk: pieces that were planned alone are none."""
-    said = f"planned {len(done)} pieces of a walk round; the next one: {why}"
+    said = f"planned {way.outcomes.count(DONE)} pieces of a walk round; the next one: {why}"
     return Attempts(walk=task, attempts=(), feasible=(), solves=tuple(solves), failures=(said,))

@@ -57,7 +57,7 @@ class VariableGroup:
 
     @property
     def fixed(self) -> int:
-        """How many constants an instance has."""
+        """Number of constants per instance."""
         return int(self.constants.shape[1]) if self.constants.size else 0
 
     def jets(self, order: int) -> int:
@@ -118,7 +118,7 @@ class Constraint:
 
     @property
     def rows(self) -> int:
-        """How many."""
+        """Number of rows per instance."""
         return len(self.lower)
 
 

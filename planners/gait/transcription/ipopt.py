@@ -25,7 +25,8 @@ OPTIONS: dict[str, Any] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IpoptResult:
-    """What a solve came to. x: the first feasible iterate, or the last where that was not asked for, shape (size,).
+    """Result of a solve. x: the first feasible iterate, or the last where that was not asked for,
+    shape (size,).
 
     success: x violates no constraint by the tolerance or more; iterations: until x; history: (violation, cost) at every
     iterate from the start on; status: what IPOPT said; seconds: CPU time in all, and in functions and derivatives.

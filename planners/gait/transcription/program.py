@@ -65,7 +65,7 @@ class Program:
         return cs.Function("nlp_jac_g", [self._x, self._p], [self._constraint, total], ["x", "p"], ["g", "jac_g_x"])
 
     def _slopes(self, compiled: Compiled) -> cs.MX:
-        """Of all outputs of a block with respect to x, shape (K · outputs, size)."""
+        """Derivatives of all outputs of a block in x, shape (K · outputs, size)."""
         found = compiled.jacobian.map(compiled.block.count)(*compiled.at(self._x, self._bank, 1))
         return _diagonal(compiled.jacobian, found, compiled.block.count) @ matrix(compiled.gather)
 
@@ -127,7 +127,7 @@ class Program:
     # ------------------------------------------------------------------------------------------------ violations
 
     def excess(self, values: Array) -> Array:
-        """How far g is outside its bounds, shape (rows,), at least 0."""
+        """Distance of g outside its bounds, shape (rows,), at least 0."""
         return np.asarray(np.maximum(np.maximum(self.lower - values, values - self.upper), 0.0))
 
     def violations(self, values: Array) -> dict[str, float]:

@@ -63,7 +63,8 @@ class GaitLayout:
         return self._size
 
     def timed(self, x: Array) -> GaitLayout:
-        """The same places with the switching times that a decision vector holds, where they are variables."""
+        """Layout of the same places with the switching times that a decision vector holds, where
+        they are variables."""
         if not any(len(foot.switches) for foot in self.feet):
             return self
         moved = copy(self)
@@ -173,7 +174,7 @@ class _Triplets:
         self._at, self._entries, self._weights = list[Index](), list[Index](), list[Array]()
 
     def add(self, at: Index, entries: Index, weights: Array) -> None:
-        """So many times three rows: at, weights of shape (n,); entries, of shape (n, 3)."""
+        """Add n times three rows: at, weights of shape (n,); entries, of shape (n, 3)."""
         self._at.append(at)
         self._entries.append(entries)
         self._weights.append(weights)

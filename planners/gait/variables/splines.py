@@ -19,7 +19,8 @@ DEGREE = 3
 
 
 def uniform_size(duration_s: float, knot_s: float) -> int:
-    """How many coefficients a uniform cubic B-spline on [0, duration] has. Raises InvalidInput for uneven knots."""
+    """Number of coefficients of a uniform cubic B-spline on [0, duration]. Raises InvalidInput for
+    uneven knots."""
     pieces = round(duration_s / knot_s)
     if pieces < 1 or abs(pieces * knot_s - duration_s) > 1e-9:
         raise InvalidInput(f"torso_knot_s: expected a share of the duration of {duration_s:g} s, got {knot_s:g} s")
@@ -43,7 +44,8 @@ def clamped_knots(pieces: int) -> Array:
 
 
 def greville(knots: Array) -> Array:
-    """Where each coefficient of a cubic B-spline acts most: the mean of its three inner knots."""
+    """Place where each coefficient of a cubic B-spline acts most: the mean of its three inner
+    knots."""
     return np.asarray((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
 
 

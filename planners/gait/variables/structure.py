@@ -1,4 +1,5 @@
-"""What all terms of one program share: the chart, the variables, and the features at the nodes t_k = k Δt."""
+"""Structure that all terms of one program share: the chart, the variables, and the features at the
+nodes t_k = k Δt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feet at fixed times, by the schedule or with optimised phase durations (paper W §III-A, TOWR).
+"""Feet at fixed times, by the schedule or with optimised phase durations (Pan et al. §III-A, TOWR).
 
 Where durations are optimised, phases begin and end at variables, the switching times: durations are their differences
 and sum up to T by themselves. A switching time may move by the settings' slack about the schedule; a node that it can
@@ -42,7 +42,8 @@ class FootGroup:
         return self.variables, np.arange(len(self.foot)) if chosen is None else chosen
 
     def find(self, foot: Rows, node: Rows) -> tuple[Rows, Rows]:
-        """Of feet at nodes, shape (T,) each, those that are its own: their instances, and their numbers among these."""
+        """Select this group's own feet among feet at nodes, shape (T,) each: their instances, and
+        their numbers among these."""
         place = {at: k for k, at in enumerate(zip(self.foot.tolist(), self.node.tolist(), strict=True))}
         asked = enumerate(zip(foot.tolist(), node.tolist(), strict=True))
         found = np.array([(place[at], t) for t, at in asked if at in place], dtype=np.intp).reshape(-1, 2)

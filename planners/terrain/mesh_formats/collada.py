@@ -181,7 +181,8 @@ def _whole(element: Element, name: str, default: int, most: int) -> int:
 
 
 def _matrix(node: Element) -> Array:
-    """Where a node is in the one above it, shape (4, 4): its transformations in their order."""
+    """Transformation from a node to the one above it, shape (4, 4): its transformations in their
+    order."""
     place = np.eye(4)
     for each in node:
         if each.tag in ("matrix", "translate", "rotate", "scale"):

@@ -210,7 +210,7 @@ class _Scene:
 
 
 def _matrix(node: dict[str, Any]) -> Array:
-    """Where a node is in the one above it, shape (4, 4)."""
+    """Transformation from a node to the one above it, shape (4, 4)."""
     if "matrix" in node:
         return checked_matrix(node["matrix"]).T
     parts = {"translation": (3, 0.0), "rotation": (4, 0.0), "scale": (3, 1.0)}

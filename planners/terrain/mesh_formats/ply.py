@@ -201,7 +201,7 @@ def _lists(
 def _even_lists(
     content: bytes, at: int, element: _Element, order: str, wanted: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int] | None:
-    """The same of rows whose lists are as long as the first row's; None for others."""
+    """Read rows whose lists are as long as the first row's; None for others."""
     lists = [k for k, each in enumerate(element.properties) if each.length]
     if len(lists) != 1 or not element.count:
         return None

@@ -137,7 +137,8 @@ class ServoBus:
         return sorted(map(int, found))
 
     def listen(self) -> bool:
-        """Whether nothing comes that nobody asked for; an adapter that sends back what it is sent is noticed."""
+        """Tell whether nothing comes that nobody asked for; an adapter that sends back what it is
+        sent is noticed."""
         ping = bytes(self._packet_of_ping())
         with self._talking():
             handler = self._handler
@@ -192,7 +193,8 @@ class ServoBus:
         self.write_rows(register.address, rows, stopping=stopping)
 
     def write_rows(self, address: int, rows: Bytes, *, stopping: bool = False) -> None:
-        """The same bytes' place in all servos, shape (S, any), in as many packets as their length asks for."""
+        """Write rows to one address of all servos, shape (S, any), in as many packets as their
+        length asks for."""
         from dynamixel_sdk import GroupSyncWrite
 
         most = (1024 - 14) // (1 + rows.shape[1])
@@ -206,7 +208,8 @@ class ServoBus:
                 raise HardwareFault(f"port {self.port}: a packet could not be sent (result {result})")
 
     def read_all(self, address: int, size: int, *, alerts: bool = True) -> Bytes:
-        """The same bytes of all servos, shape (S, size). Raises HardwareFault that names who is silent or in error.
+        """Read one address of all servos, shape (S, size). Raises HardwareFault that names who is
+        silent or in error.
 
         alerts: whether a servo in error is one; False to read on in spite of it.
         """
@@ -324,7 +327,7 @@ def signed(rows: Bytes) -> NDArray[np.int64]:
 
 
 def _why(error: BaseException) -> str:
-    """What the system says, in one line."""
+    """Message of the system, in one line."""
     number = error.errno if isinstance(error, OSError) else error.args[0] if error.args else None
     if number is None and error.__context__ is not None:  # pyserial hides what the terminal said
         return _why(error.__context__)

@@ -90,7 +90,7 @@ class Calibration(SetupFile):
 
     @property
     def watchdog_units(self) -> int:
-        """What is written to Bus Watchdog; never longer than asked for."""
+        """Value for Bus Watchdog; never longer than asked for."""
         return int(self.watchdog_s / WATCHDOG_S + 1e-9)
 
     def ordered(self, joints: Sequence[str]) -> list[JointServo]:

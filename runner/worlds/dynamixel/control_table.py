@@ -104,6 +104,6 @@ MODELS = {
 
 
 def hardware_errors(status: int) -> str:
-    """What a Hardware Error Status says, e.g. ``overload``."""
+    """Names of a Hardware Error Status, e.g. ``overload``."""
     named = [name for bit, name in ERRORS.items() if status & bit]
     return ", ".join(named) or f"unknown error 0x{status:02X}"

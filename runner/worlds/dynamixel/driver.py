@@ -335,7 +335,7 @@ class DynamixelWorld(HardwareWorld):
         return rows
 
     def _doubt(self, rows: NDArray[np.uint8], *, calm: bool = False) -> Doubt:
-        """Whether these bytes cannot be true, as ``MeasurementJudge.doubt``."""
+        """Doubt whether these bytes can be true, as ``MeasurementJudge.doubt``."""
         position, velocity = signed(rows[:, 9:13]), signed(rows[:, 5:9])
         return self._judge.doubt(time.monotonic(), position, velocity, unsigned(rows[:, 13:15]), calm=calm)
 

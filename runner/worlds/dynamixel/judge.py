@@ -1,4 +1,4 @@
-"""Whether measurements of servos can be true: no joint jumps, no value is old, no servo's clock stands still.
+"""Judge of measurements of servos: no joint jumps, no value is old, no servo's clock stands still.
 
 A CRC says that an answer arrived as it was sent, not that it is right. Two servos with one id, an answer to an earlier
 question, and a servo whose values are stuck send sound packets, too.
@@ -73,7 +73,8 @@ class MeasurementJudge:
         *,
         calm: bool = False,
     ) -> Doubt:
-        """Whether a measurement cannot be true or is too old; one that is believed is kept to judge the next by.
+        """Doubt whether a measurement can be true and is young enough; one that is believed is kept
+        to judge the next by.
 
         now_s: when it arrived, monotonic. position [ticks], velocity, tick_ms: as the servos report them, shape (S,).
         calm: the bus was quiet before it was asked for, so that no late answer can have been taken for this one.

@@ -86,7 +86,7 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         self._expected = self._come = 0
 
     def isPacketTimeout(self) -> bool:
-        """Whether the answer is late; one that has come while this process slept is not."""
+        """Tell whether the answer is late; one that has come while this process slept is not."""
         if self.getTimeSinceStart() <= self.packet_timeout:
             return False
         return self._come > self._expected + FLOOD_BYTES or not self.ser.in_waiting

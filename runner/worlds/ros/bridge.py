@@ -63,7 +63,7 @@ class RosLink:
             ) from None
 
     def trouble(self) -> str | None:
-        """What is wrong with the connection, None if nothing is."""
+        """Fault of the connection, None if there is none."""
         if self._wrong:
             return f"rosbridge {self.url}: {self._wrong[0]}"
         if not self.alive:
@@ -72,7 +72,7 @@ class RosLink:
 
     @property
     def alive(self) -> bool:
-        """Whether something can be sent, whatever came."""
+        """Tell whether something can be sent, whatever came."""
         return self.ros is not None and not self._lost.is_set() and bool(self.ros.is_connected)
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Message], None]) -> None:
@@ -150,7 +150,8 @@ class RosLink:
             client.call(self._module.ServiceRequest(request), lambda answer: callback(dict(answer)), lambda _: None)
 
     def answers(self, timeout_s: float) -> bool:
-        """Whether a rosbridge has read all that was sent to it until now: it answers what is asked after that."""
+        """Tell whether a rosbridge has read all that was sent to it until now: it answers what is
+        asked after that."""
         done = threading.Event()
         if not self.alive:
             return False

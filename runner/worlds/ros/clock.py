@@ -57,7 +57,8 @@ class RobotClock:
         return min(arrival - stamp for arrival, stamp in self._heard)
 
     def _steady(self) -> bool:
-        """Whether it goes as fast as ours: the quickest messages of both halves took the same time."""
+        """Tell whether it goes as fast as ours: the quickest messages of both halves took the same
+        time."""
         heard = list(self._heard)
         half = len(heard) // 2
         if half < FEW:

@@ -1,4 +1,5 @@
-"""What a joint trajectory controller says of itself: its joints, where it wants them, and where it measures them."""
+"""State that a joint trajectory controller publishes: its joints, where it wants them, and where it
+measures them."""
 
 from __future__ import annotations
 
@@ -86,8 +87,8 @@ class ControllerState:
             self._foreign = self._unheard = np.zeros(len(self._joints))
 
     def wants(self, positions: Array) -> bool | None:
-        """Whether it wants the joints there, shape (J,) as ROS counts, or whole turns away; None where it does not
-        say."""
+        """Tell whether it wants the joints there, shape (J,) as ROS counts, or whole turns away;
+        None where it does not say."""
         with self._lock:
             return None if self._desired is None else _same(self._desired, positions)
 
@@ -102,8 +103,8 @@ class ControllerState:
                 self._sent.popleft()
 
     def trouble(self) -> str | None:
-        """Whether it takes no commands, follows somebody else, or measures joints elsewhere than they are told; None
-        for none of these."""
+        """Fault of a controller that takes no commands, follows somebody else, or measures joints
+        elsewhere than they are sent; None for none of these."""
         with self._lock:
             if self._unheard.max() >= FOREIGN and self._desired is not None:
                 index = int(np.argmax(self._unheard))
@@ -135,7 +136,8 @@ class ControllerState:
             return f"{self._joints[index]}: the controller turns it by {self._wanted[index]:.2f} rad/s: another client?"
 
     def _beside(self, sent: Sequence[tuple[float, Array]]) -> Array:
-        """Which joints it wants elsewhere than at any of these targets, or between them, shape (J,)."""
+        """Tell which joints it wants elsewhere than at any of these targets, or between them, shape
+        (J,)."""
         if not sent or self._desired is None:
             return np.zeros(len(self._joints), dtype=bool)
         targets = np.array([positions for _, positions in sent])
@@ -180,7 +182,7 @@ def _point(
 
 
 def _same(one: Array | None, other: Array | None) -> bool:
-    """Whether all joints are at the same places, or whole turns away."""
+    """Tell whether all joints are at the same places, or whole turns away."""
     if one is None or other is None:
         return False
     return bool(np.abs(np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi).max() <= HEARD_RAD)

@@ -98,7 +98,7 @@ class Estop:
         time.sleep(POLL_S)
 
     def _missing(self, publishers: list[str] | None, kind: str | None) -> str:
-        """What is wrong with it, and what can be done."""
+        """Fault of a missing e-stop, and what can be done."""
         there = self._graph.topics_of(BOOL)
         found = f"; of {BOOL} there are {', '.join(sorted(there)[:5])}" if there else ""
         if publishers and kind:

@@ -113,7 +113,7 @@ class Ros1Goal(Goal):
 
 
 class Goals:
-    """Where goals are sent to. Raises InvalidInput for a ROS 1 action server that is not there."""
+    """Sender of goals. Raises InvalidInput for a ROS 1 action server that is not there."""
 
     def __init__(self, link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
         self._link, self._action, self._ros = link, f"{controller}/follow_joint_trajectory", ros

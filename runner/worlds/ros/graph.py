@@ -1,4 +1,5 @@
-"""Who publishes what, as ``/rosapi`` tells it beside a rosbridge; None for whatever it does not."""
+"""Publishers of topics, as ``/rosapi`` lists them beside a rosbridge; None for whatever it does
+not."""
 
 from __future__ import annotations
 

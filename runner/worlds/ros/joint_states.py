@@ -102,7 +102,7 @@ class JointStates:
             return self._table[0].copy(), self._table[1].copy(), self._seen_s.copy()
 
     def age_s(self) -> Array:
-        """How long ago each joint was measured, shape (J,) [s]; inf for never."""
+        """Age of each joint's measurement, shape (J,) [s]; inf for never."""
         with self._lock:
             return np.asarray(time.monotonic() - self._seen_s)
 

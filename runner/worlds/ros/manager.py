@@ -24,7 +24,7 @@ class Listed:
 
     @property
     def runs(self) -> bool:
-        """Whether it moves its joints."""
+        """Tell whether it moves its joints."""
         return self.state in RUNNING
 
 
@@ -36,7 +36,7 @@ class ControllerManager:
         self._controller = setup.controller.rsplit("/", 1)[-1]
 
     def listed(self, manager: str | None = None) -> Listed | None:
-        """What it says of the setup's controller; None where nobody answers, or does not know it.
+        """Entry of the setup's controller; None where nobody answers, or does not know it.
 
         manager: another one to ask.
         """

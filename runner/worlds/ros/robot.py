@@ -81,7 +81,7 @@ class RosRobot:
 
     @property
     def goals(self) -> Goals:
-        """Where whole trajectories are sent to. Raises InvalidInput where nobody takes them."""
+        """Sender of whole trajectories. Raises InvalidInput where nobody takes them."""
         if self._goals is None:
             self._goals = Goals(self.link, self.setup.controller, self.setup.ros)
         return self._goals
@@ -141,7 +141,8 @@ class RosRobot:
         return "" if self.estop is None else self.estop.confirm(how)
 
     def trouble(self, *, silence: bool = True) -> str | None:
-        """What is wrong now, None if nothing is. silence: joints that were not heard of lately are, and an e-stop."""
+        """Present fault, None if there is none. silence: joints that were not heard of lately are,
+        and an e-stop."""
         found = self.link.trouble()
         if found is None and self.estop is not None and self.estop.pressed:
             found = f"e-stop pressed on {self.estop.topic}"
@@ -154,7 +155,8 @@ class RosRobot:
         return found
 
     def fresh(self, period_s: float) -> bool:
-        """Whether the newest joint states are young enough to send something. period_s: of the commands."""
+        """Tell whether the newest joint states are young enough to send something. period_s: of the
+        commands."""
         return bool(self.states.age_s().max() <= PERIODS * max(self.states.period_s(), period_s))
 
     def wake(self, period_s: float) -> None:
@@ -298,7 +300,7 @@ class RosRobot:
         return f"{self.setup.controller}/{'joint_trajectory' if self.setup.ros == 2 else 'command'}"
 
     def _stale_s(self) -> float:
-        """How old joint states may be: of a robot that sends them rarely, some of its periods."""
+        """Largest age of joint states; some periods for a robot that sends them rarely."""
         return max(self.setup.stale_s, FEW * min(self.states.period_s(), 1.0))
 
     def _measure(self, message: Any) -> None:
@@ -315,7 +317,7 @@ class RosRobot:
             )
 
     def _unheard_states(self, missing: Sequence[str]) -> str:
-        """What to say, and to do, where joints were not heard of."""
+        """Message for joints that were not heard of, with what to do."""
         topic, others = self.setup.joint_states, sorted(self.states.others)
         if len(missing) < len(self._joints) or others:
             there = f"; other names there: {listed(others)}" if others else ""
@@ -330,7 +332,7 @@ class RosRobot:
         return found
 
     def _heard_as_other(self, topic: str) -> bool:
-        """Whether somebody publishes joint states of the other version of ROS."""
+        """Tell whether somebody publishes joint states of the other version of ROS."""
         if self.setup.ros == 1:
             return False  # a rosbridge of ROS 2 takes the names of ROS 1
         heard = list[Any]()
@@ -341,7 +343,7 @@ class RosRobot:
         return any(version_of(message) == 1 for message in heard)
 
     def _unheard_controller(self) -> str:
-        """What to say, and to do, where the controller was not heard of."""
+        """Message for a controller that was not heard of, with what to do."""
         setup = self.setup
         found = f"expected the state of {setup.controller}, heard nothing"
         known = self.manager.listed()

@@ -182,3 +182,13 @@ def test_walks_are_refused_at_a_wall_across_heights():
     wall = HeightField(x_m=x, y_m=y, heights_m=np.where(np.abs(x - 2.0) < 0.2, 1.0, 0.0)[:, None] + 0.0 * y)
     with pytest.raises(PlanningFailed, match=r"no way from \(0, 0\) to \(4, 0\): wall at \("):
         guide_over(wall, footprint(), np.array([[0.0, 0.0], [4.0, 0.0]]), 0.7)
+
+
+def test_heights_say_how_wide_the_widest_gap_is_where_the_robot_is_wider():
+    x, y = np.linspace(-1.0, 5.0, 241), np.linspace(-1.5, 1.5, 121)
+    wall = (np.abs(x - 2.0) < 0.2)[:, None] & (np.abs(y) > 0.2)[None]
+    field = HeightField(x_m=x, y_m=y, heights_m=np.where(wall, 1.0, 0.0))
+    with pytest.raises(PlanningFailed, match=r"wall at .* no way round within .*; the robot is") as refused:
+        guide_over(field, footprint(), np.array([[0.0, 0.0], [4.0, 0.0]]), 0.7)
+    gap = float(str(refused.value).rpartition("about ")[2].removesuffix(" m"))
+    assert 0.4 - 3.0 * LATTICE_M <= gap <= 0.4 + LATTICE_M

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.projection.descent import cost
-from stancekit.planners.projection.held import Linearised
+from stancekit.planners.projection.held import FixToes, Linearised
 from stancekit.planners.projection.project import PROJECTIONS, STEPS, SURFACE, project, scp
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import plan_of
@@ -142,6 +143,24 @@ def test_no_step_is_taken_where_the_first_toes_leave_more_than_it_is_worth(progr
             assert more.solves > 1
             spared += 1
     assert spared >= 5
+
+
+def test_the_first_step_is_not_begun_either_where_the_time_would_end_in_it(programs, starts, monkeypatch):
+    now, solve = [0.0], FixToes.solve
+
+    def slow(self, scaled, start):
+        now[0] += 1.0
+        return solve(self, scaled, start)
+
+    loose = [(s, start) for _, s, start in starts if SURFACE < project(programs, "fix-toes", s, start).residual < 1.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(FixToes, "solve", slow)
+    for scaled, start in loose[:3]:
+        now[0] = 0.0
+        assert scp(programs, scaled, start, deadline=2.5).solves == 1
+        now[0] = 0.0
+        assert scp(programs, scaled, start, deadline=3.5).solves > 1
+    assert len(loose) >= 3
 
 
 def test_an_scp_that_has_stalled_ends_and_one_that_gets_to_the_surface_is_the_same_without(

@@ -175,6 +175,33 @@ def test_a_kept_beginning_counts_for_its_own_course_alone(tmp_path):
     assert PartialPlan(None).begun(course) is None
 
 
+def test_a_kept_beginning_whose_joints_do_not_stand_on_its_toes_counts_for_nothing(tmp_path):
+    pytest.importorskip("pinocchio")
+    course = read_course("stairs", frames=5)
+    plan = stancekit.plan(course).solution
+    kept = PartialPlan(tmp_path / "way.partial.json")
+    for joints in (plan.joints_rad + 0.2, plan.joints_rad[::-1], np.full_like(plan.joints_rad, 100.0)):
+        forged = replace(plan, joints_rad=joints)
+        assert check_plan(forged).accepted  # contacts alone know nothing of it
+        kept.keep(forged)
+        assert kept.begun(course) is None
+    kept.keep(replace(plan, joints_rad=None))
+    assert kept.begun(course) is None
+
+
+def test_a_beginning_that_took_another_way_is_gone_on_from_where_the_ways_part(tmp_path):
+    pytest.importorskip("pinocchio")
+    course = read_course("stairs", frames=7)
+    com = np.array(course.com_nominal_m)
+    com[5:, 1] += 0.01
+    plan = stancekit.plan(replace(course, com_nominal_m=com)).solution
+    kept = PartialPlan(tmp_path / "way.partial.json")
+    kept.keep(plan)
+    begun = kept.begun(course)
+    assert begun.problem.frames == 5
+    begins(plan, begun)
+
+
 def test_a_long_course_of_the_library_is_planned_in_pieces_and_leaves_nothing_behind(tmp_path):
     pytest.importorskip("pinocchio")
     kept, told = tmp_path / "long.partial.json", list[tuple[int, int]]()

@@ -16,6 +16,7 @@ from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import TimeEnded
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.alternatives import ALTERNATIVES, Alternative
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.contact_robot import sets_of
@@ -185,6 +186,27 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
     assert late.report.contacts
     assert late.report.message.startswith("accepted as far as checked: joints, torque, bodies and motion are not; ")
     assert check_plan(late.solution, joints=True).accepted  # with time there is nothing against it
+
+
+def test_a_layout_that_could_not_be_laid_out_in_time_is_not_begun(climb: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    now, laid = [100.0], list[str]()
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+
+    def lay_out(_sets: str, alternative: Alternative) -> Problem:
+        laid.append(alternative.message)
+        now[0] += 4.0
+        return climb.problem
+
+    class Vain(Walked):
+        """One that finds nothing, in a second."""
+
+        def solve(self, course: Problem) -> Answer[Plan]:
+            now[0] += 1.0
+            return Answer(status=Status.UNDECIDED, method=self.name)
+
+    outcome = plan_course(lay_out, Vain(climb), layouts=ALTERNATIVES, deadline=110.0)
+    assert outcome.status is Status.UNDECIDED
+    assert (len(laid), now[0]) == (2, 110.0)
 
 
 def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_bodies(

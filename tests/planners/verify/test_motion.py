@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import TimeEnded
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 
@@ -33,6 +34,15 @@ def test_moments_are_a_centimetre_apart_and_meet_every_key_frame(walk: Callable[
     for t, k in zip(stands, range(4), strict=True):
         assert np.allclose(moments.feet_m[t] - path.radii_m[:, None] * [0, 0, 1], plan.toes_at(k))
     assert all(np.all(late >= early) for early, late in pairwise(moments.frame))
+
+
+def test_joints_along_a_path_are_looked_for_until_the_time_ends(walk: Callable[..., Plan]) -> None:
+    plan = with_joints(walk(3))
+    with pytest.raises(TimeEnded):
+        JointPath(PlanPath(plan), Kinematics(plan.problem.robot)).judged(deadline=0.0)
+    late = check_plan(plan, joints=True, deadline=0.0)
+    assert late.late
+    assert "motion" in late.unchecked
 
 
 def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]) -> None:

@@ -19,7 +19,8 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.terrain.ground import Ground
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify.motions import check_motion, nearest
-from stancekit.runner.export.formats import Moved, moved_of
+from stancekit.runner.export.formats import moved_of
+from stancekit.runner.export.moved import Moved
 
 
 @pytest.fixture(scope="module")

@@ -15,13 +15,15 @@ import yaml
 pytest.importorskip("pinocchio")
 
 import stancekit
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import csv_of, read_motion
 from stancekit.planners.motion.gait_motion import SETTLE_S
 from stancekit.planners.robot.legged import walking_robot
-from stancekit.runner.export.formats import FORMATS, Moved, beside, moved_of
+from stancekit.runner.export.formats import FORMATS, beside, moved_of
+from stancekit.runner.export.moved import Moved
 from stancekit.runner.motion.stream import streamed
 
 
@@ -215,12 +217,55 @@ def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> Non
     import base64
 
     stancekit.save(plan, tmp_path / "plan.json")
+    arrays = json.loads((tmp_path / "plan.json").read_text())["arrays"]
+    held = np.load(io.BytesIO(base64.b64decode(arrays["npz"])))
+    carried = {
+        (row["frame"], limb): force[arrays["limbs"].index(limb)]
+        for row, force in zip(arrays["stances"], held["forces_n"], strict=True) for limb in row["limbs"]
+    }  # fmt: skip
+    toes = [(toe["limb"], toe["frame"], place) for toe, place in zip(arrays["toes"], held["toes_m"], strict=True)]
+
+    course, names = plan.problem, plan.problem.robot.limb_names
+    assert [toe[:2] for toe in toes] == [(put.limb, put.frame) for put in course.footholds]
+    np.testing.assert_array_equal([toe[2] for toe in toes], plan.toes_m)
+    for s, stance in enumerate(course.stances):
+        for limb in stance.limbs:
+            if (stance.frame, names[limb]) in carried and sum(one.frame == stance.frame for one in course.stances) == 1:
+                np.testing.assert_array_equal(carried[stance.frame, names[limb]], plan.forces_n[s, limb])
+    weight = sum(carried[0, limb][2] for limb in arrays["stances"][0]["limbs"])
+    assert weight == pytest.approx(course.weight_n, rel=1e-3)
+
+
+def test_five_lines_of_numpy_read_a_walk_file(walk: Trajectory, tmp_path: Path) -> None:
+    import base64
+
+    stancekit.save(walk, tmp_path / "walk.json")
+    record = json.loads((tmp_path / "walk.json").read_text())
+    held = np.load(io.BytesIO(base64.b64decode(record["samples"])))
+    feet = {foot["name"]: held["feet_m"][:, k] for k, foot in enumerate(record["robot"]["feet"])}
+    stands = {foot["name"]: held["contact"][:, k] for k, foot in enumerate(record["robot"]["feet"])}
+
+    assert tuple(feet) == walk.robot.foot_names
+    for k, name in enumerate(walk.robot.foot_names):
+        np.testing.assert_array_equal(feet[name], walk.feet_m[:, k])
+        np.testing.assert_array_equal(stands[name], walk.contact[:, k])
+        assert np.abs(feet[name][stands[name] > 0, 2]).max() < 1e-3  # on level ground
+
+
+@pytest.mark.parametrize("name", ["limbs", "toes", "stances"])
+def test_labels_that_are_not_the_courses_are_refused(name: str, plan: Plan, tmp_path: Path) -> None:
+    from stancekit.planners.formats.plan_file import _seal, read_plan
+
+    stancekit.save(plan, tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
-    held = np.load(io.BytesIO(base64.b64decode(record["arrays"]["npz"])))
-    stands = [(put["limb"], put["frame"]) for put in record["course"]["placements"]]
-    assert stands == [(put.limb, put.frame) for put in plan.problem.footholds]
-    np.testing.assert_array_equal(held["toes_m"], plan.toes_m)
-    assert len(held["forces_n"]) == len(plan.problem.stances)
+    record["arrays"][name] = record["arrays"][name][::-1]
+    sealed = {key: value for key, value in record.items() if key != "sha256"}
+    (tmp_path / "plan.json").write_text(json.dumps(sealed | {"sha256": _seal(sealed)}))
+    with pytest.raises(InvalidInput, match=rf": arrays\.{name}: expected those of the course$"):
+        read_plan(tmp_path / "plan.json")
+    del sealed["arrays"][name]  # as older files are
+    (tmp_path / "plan.json").write_text(json.dumps(sealed | {"sha256": _seal(sealed)}))
+    read_plan(tmp_path / "plan.json")
 
 
 def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(plan: Plan, tmp_path: Path) -> None:
@@ -231,4 +276,36 @@ def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(plan: Plan, 
     write_plan(tmp_path / "forged.json", forged, replace(check_plan(forged), groups=check_plan(plan).groups))
     with pytest.raises(InvalidInput, match="expected a plan that the verifier accepts, it says: rejected"):
         stancekit.export(tmp_path / "forged.json", tmp_path / "forged.csv")
+    with pytest.raises(InvalidInput, match=r"^a Plan: expected a plan that the verifier accepts, it says: rejected"):
+        stancekit.export(forged, tmp_path / "forged.csv")
     assert not (tmp_path / "forged.csv").exists()
+
+
+def test_a_walk_from_python_is_judged_as_its_file_is(walk: Trajectory, tmp_path: Path) -> None:
+    lifted = replace(walk, forces_n=0.8 * walk.forces_n)
+    with pytest.raises(InvalidInput, match=r"^a Trajectory: expected a gait that the verifier accepts, it says: "):
+        stancekit.export(lifted, tmp_path / "walk.csv")
+    assert not (tmp_path / "walk.csv").exists()
+
+
+def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    leap = stancekit.plan("leap-given:0").solution
+    assert isinstance(leap, LeapPlan)
+    for to in ("csv", "npz", "foxglove"):
+        done = stancekit.export(leap, tmp_path / f"leap{FORMATS[to].suffixes[0]}", to=to)
+        assert done.without == "a leap has body, feet and forces: its joints are not planned"
+    for to in ("jointtrajectory", "mujoco", "reference"):
+        with pytest.raises(InvalidInput, match=rf"^{to}: expected a motion with joints, got one without: a leap has "):
+            stancekit.export(leap, tmp_path / f"none{FORMATS[to].suffixes[0]}", to=to)
+    table = read_motion(tmp_path / "leap.csv")
+    assert (table.joints, table.limbs) == ((), leap.problem.robot.limb_names)
+    assert table.forces_n is not None
+    air = ~np.asarray(table.contact).any(axis=1)
+    assert air.any()
+    assert np.abs(table.forces_n[air]).max() == 0.0
+    falling = np.diff(np.asarray(table.velocity_m_s)[air, 2]) * table.rate_hz
+    assert np.median(falling) == pytest.approx(-9.81, abs=0.05)
+    pushed = replace(leap, forces_n=1.2 * leap.forces_n)
+    with pytest.raises(InvalidInput, match=r"^a LeapPlan: expected a leap that the verifier accepts, it says: "):
+        stancekit.export(pushed, tmp_path / "leap.csv")

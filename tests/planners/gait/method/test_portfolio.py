@@ -10,7 +10,7 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method.attempt import Attempt
-from stancekit.planners.gait.method.budget import SolveBudget
+from stancekit.planners.gait.method.budget import SolveBudget, cpu_s
 from stancekit.planners.gait.method.checkpoint import Checkpoint
 from stancekit.planners.gait.method.homotopy import steepest
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
@@ -131,6 +131,16 @@ def test_an_account_that_is_used_up_ends_the_plan():
     found = plan_gait(TASK, caps=Caps(total_s=seconds), attempts=[*FIRST, Attempt(chart="ambient")])
     assert len(found.attempts) == 1
     assert {step.phase for step in found.solves} == {"feasible"}
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_search_that_fails_ends_with_its_time(apart):
+    places = {"start_xy_m": [-2.6, 0.0], "goal_xy_m": [-0.4, 0.35]}
+    steep = Walk(robot=anymal(), terrain=reference_terrain("hill"), **places, duration_s=10.0)
+    began = cpu_s()
+    found = plan_gait(steep, caps=Caps(total_s=3.0, in_subprocess=apart))
+    assert not found.verified
+    assert cpu_s() - began < 1.15 * 3.0  # 1.6 when building a program and judging what is no walk came on top
 
 
 def test_a_solver_that_does_not_answer_has_found_nothing(monkeypatch, plan):
