@@ -89,25 +89,22 @@ def _room(name: str) -> str:
     text = ["## Room for learning", ""]
     for command in dict.fromkeys(line["command"] for line in own if "said" not in line):
         mine = [line for line in own if line["command"] == command]
-        text += ["```sh", command, "```", ""]
         first = mine[0]
-        text += [
-            f"{first['environment']}, {first['scenes']} scenes; oracle: {first['oracle_budget']}; learned:",
-            f"{first['learned_by'] or 'nothing'}. Shares in percent, differences in points, with 95 % intervals;",
-            "gains are paired over the scenes. *again*: the oracle with other seeds.",
-            "",
-        ]
+        text += ["```sh", command, "```", ""]
+        text += [f"{first['environment']}, {first['scenes']} scenes; oracle: {first['oracle_budget']}; learned:"]
+        text += [f"{first['learned_by'] or 'nothing'}. Shares in percent, differences in points, 95 % intervals;"]
+        text += ["gains are paired over the scenes. *again*: the oracle with other seeds.", ""]
         text += ["| budget | random | best unlearned control | learned | learned − control | oracle | again | room |"]
-        text += ["|---|---|---|---|---|---|---|---|"]
-        for line in mine:
-            shares = {key: _share(line[key], 100.0) for key in ("random", "control", "learned", "oracle", "again")}
-            gain = "–" if line["gain"] is None else _share(line["gain"], 1.0, "+.1f")
-            cells = [line["budget"], shares["random"], f"{shares['control']} ({line['controlled_by']})"]
-            cells += [shares["learned"], gain, shares["oracle"], shares["again"], f"{line['room']:.0f}"]
-            text += [f"| {' | '.join(map(str, cells))} |"]
-        text += [""]
-    text += [f"{line['said']}\n" for line in own if "said" in line]
-    return "\n".join(text)
+        text += ["|---|---|---|---|---|---|---|---|", *map(_row, mine), ""]
+    return "\n".join([*text, *(f"{line['said']}\n" for line in own if "said" in line)])
+
+
+def _row(line: dict[str, Any]) -> str:
+    shares = {key: _share(line[key], 100.0) for key in ("random", "control", "learned", "oracle", "again")}
+    control = f"{shares['control']} ({line['controlled_by']})"
+    gain = _share(line["gain"], 1.0, "+.1f")
+    cells = [line["budget"], shares["random"], control, shares["learned"], gain, shares["oracle"], shares["again"]]
+    return f"| {' | '.join(cells)} | {line['room']:.0f} |"
 
 
 def _share(value: Sequence[float] | None, factor: float, how: str = ".0f") -> str:

@@ -35,7 +35,9 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "bench_leaps": {TOOL: ("learners.evaluation",)},
     "bench_planner": {TOOL: ("learners.evaluation", "learners.evaluation.planner_bench")},
-    "bench_room": {TOOL: ("learners.evaluation", "learners.evaluation.room")},
+    "bench_room": {
+        TOOL: ("learners.evaluation", "learners.evaluation.env_room", "learners.evaluation.room"),
+    },
     "bench_scenes": {
         TOOL: ("learners.evaluation", "planners.formats.plan_file"), DRAWS: ("views.plans", "views.sheet"),
     },

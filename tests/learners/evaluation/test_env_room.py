@@ -1,0 +1,49 @@
+"""Room of environments whose scenes are postures and climbs: episodes that are those of other judges."""
+
+import json
+
+import gymnasium
+import numpy as np
+import pytest
+
+import stancekit.envs  # noqa: F401
+from stancekit.learners.evaluation.env_room import ENVIRONMENTS, environment_room
+from stancekit.learners.evaluation.evaluate import evaluate
+from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.planners.errors import InvalidInput
+
+pytest.importorskip("torch")
+
+
+def played(folder, name):
+    rows = map(json.loads, (folder / "rows.jsonl").read_text().splitlines()[1:])
+    return {(row["scene"], row["method"]): row for row in rows}
+
+
+def test_the_episodes_of_a_selector_are_those_that_evaluate_judges(tmp_path):
+    name, count = "EnvelopeSelection-v0", 6
+    room = environment_room(name, tmp_path, scenes=count, seed=3)
+    rows = played(tmp_path, name)
+    env, learned = gymnasium.make(f"stancekit/{name}", **ENVIRONMENTS[name].options), load_selector("neural-wall-3")
+    for index in range(count):
+        env.reset(seed=int(np.random.default_rng([3, index]).integers(2**31)))
+        scene = env.unwrapped.scene
+        score = evaluate("net", learned, [scene], problem_class="wall-3", projections=("fix-p",))
+        right = score.p1_feasible.hits + score.p1_infeasible.hits
+        reached = score.projected["fix-p"].hits if scene.feasible else 1
+        assert rows[index, "neural-wall-3"]["found"] == bool(right and reached)
+        assert rows[index, "exact"]["anywhere"]
+    assert room.oracle[0] == 1.0
+    assert room.learned_by == "neural-wall-3"
+    assert room.room == pytest.approx(100.0 * (1.0 - room.control[0]))
+
+
+def test_bad_names_and_foreign_rows_are_refused(tmp_path):
+    with pytest.raises(InvalidInput, match=r"^environment: expected one of EnvelopeSelection-v0, "):
+        environment_room("Walk-v0", tmp_path, scenes=1, seed=0)
+    (tmp_path / "rows.jsonl").write_text('{"environment": "Traverse-v0", "seed": 1}\n')
+    with pytest.raises(InvalidInput, match="expected rows of"):
+        environment_room("Traverse-v0", tmp_path, scenes=1, seed=0)
+    (tmp_path / "rows.jsonl").write_text("nothing\n")
+    with pytest.raises(InvalidInput, match="expected rows of bench room"):
+        environment_room("Traverse-v0", tmp_path, scenes=1, seed=0)
