@@ -34,21 +34,24 @@ def turns(axis: str, low: float, high: float) -> str:
 def leg(n: str, x: float, y: float) -> str:
     """Hip, thigh and shank of 25 cm, a ball for a foot."""
     out, bone = 0.06 if y > 0 else -0.06, '<cylinder radius="0.02" length="0.19"/>'
-    return "".join([
-        part(f"{n}_hip", 0.5, '<sphere radius="0.035"/>'), part(f"{n}_thigh", 0.8, bone, "0 0 -0.125"),
-        part(f"{n}_shank", 0.3, bone, "0 0 -0.125"), part(f"{n}_foot", 0.05, '<sphere radius="0.02"/>'),
-        joint(f"{n}_abduct", "revolute", "trunk", f"{n}_hip", f"{x} {y} 0", turns("1 0 0", -0.7, 0.7)),
-        joint(f"{n}_swing", "revolute", f"{n}_hip", f"{n}_thigh", f"0 {out} 0", turns("0 1 0", -1.2, 1.6)),
-        joint(f"{n}_knee", "revolute", f"{n}_thigh", f"{n}_shank", "0 0 -0.25", turns("0 1 0", -2.4, -0.3)),
-        joint(f"{n}_ankle", "fixed", f"{n}_shank", f"{n}_foot", "0 0 -0.25"),
-    ])  # fmt: skip
+    aside, ahead, bend = (("1 0 0", -0.7, 0.7), ("0 1 0", -1.2, 1.6), ("0 1 0", -2.4, -0.3))
+    text = part(f"{n}_hip", 0.5, '<sphere radius="0.035"/>')
+    text += part(f"{n}_thigh", 0.8, bone, "0 0 -0.125")
+    text += part(f"{n}_shank", 0.3, bone, "0 0 -0.125")
+    text += part(f"{n}_foot", 0.05, '<sphere radius="0.02"/>')
+    text += joint(f"{n}_abduct", "revolute", "trunk", f"{n}_hip", f"{x} {y} 0", turns(*aside))
+    text += joint(f"{n}_swing", "revolute", f"{n}_hip", f"{n}_thigh", f"0 {out} 0", turns(*ahead))
+    text += joint(f"{n}_knee", "revolute", f"{n}_thigh", f"{n}_shank", "0 0 -0.25", turns(*bend))
+    return text + joint(f"{n}_ankle", "fixed", f"{n}_shank", f"{n}_foot", "0 0 -0.25")
 
 
 places = {"LF": (0.22, 0.08), "RF": (0.22, -0.08), "LH": (-0.22, 0.08), "RH": (-0.22, -0.08)}
 trunk = part("trunk", 8.0, '<box size="0.4 0.14 0.08"/>')
-_ = Path("dog.urdf").write_text(f'<robot name="dog">{trunk}{"".join(leg(n, *at) for n, at in places.items())}</robot>')
+legs = "".join(leg(name, *place) for name, place in places.items())
+_ = Path("dog.urdf").write_text(f'<robot name="dog">{trunk}{legs}</robot>')
 
 # %%
-answer = stancekit.plan("rubble:0.1:1", start_xy_m=(0, 0), goal_xy_m=(0.2, 0), robot="dog.urdf", time_limit_s=120)
+ends = {"start_xy_m": (0, 0), "goal_xy_m": (0.2, 0)}
+answer = stancekit.plan("rubble:0.1:1", **ends, robot="dog.urdf", time_limit_s=120)
 print(answer.status.value, answer.report.message)
 _ = stancekit.draw(answer.solution, caption="a robot of a file", out="dog.png")

@@ -18,15 +18,15 @@ test = stancekit.label("wall-3", "test", rows=(20, 20), seed=1)
 
 
 class NarrowForces:
-    """Forces near an equal share of the weight, positions anywhere; ``predict`` as in stable-baselines3."""
+    """Forces near an equal share of the weight, positions anywhere."""
 
     problem_class = "wall-3"
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        """All lower, then all upper bounds, contact by contact p_x p_y p_z f_n f_y f_z, non-dimensional."""
+        """All lower, then all upper bounds, per contact p_x p_y p_z f_n f_y f_z, non-dimensional."""
         count = observation["friction"].shape[-1]
-        low, high = np.tile([-1, -1, -1, -0.1, -0.6, -0.6], count), np.tile([1, 1, 1, 1.0, 0.6, 0.6], count)
-        return np.concatenate([low, high]).astype(np.float32), state
+        bounds = [-1, -1, -1, -0.1, -0.6, -0.6], [1, 1, 1, 1.0, 0.6, 0.6]
+        return np.concatenate([np.tile(side, count) for side in bounds]).astype(np.float32), state
 
 
 # %%
@@ -34,8 +34,9 @@ class NarrowForces:
 
 learned = {name: stancekit.fit(train, name) for name in ("heuristic", "quantile")}
 learned["mine"] = Learned.of(NarrowForces(), "mine", "wall-3")
-scores = {name: stancekit.evaluate(one, test, projections=("fix-p",), name=name) for name, one in learned.items()}
-for name, score in scores.items():
+scores = {}
+for name, selector in learned.items():
+    scores[name] = score = stancekit.evaluate(selector, test, projections=("fix-p",), name=name)
     shares = (score.p1_feasible, score.p1_infeasible, score.projected["fix-p"])
     print(f"{name:10}", *(f"{share.value:>5.0%}" for share in shares))
 
@@ -44,10 +45,12 @@ for name, score in scores.items():
 
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
 for index, kind in enumerate(("p1_feasible", "p1_infeasible")):
-    found = [getattr(score, kind) for score in scores.values()]
-    places, values = np.arange(len(scores)) + 0.2 * (2 * index - 1), np.array([share.value for share in found])
-    low, high = np.array([share.interval for share in found]).T
-    axes.bar(places, values, 0.38, yerr=[values - low, high - values], label=kind.replace("_", " "), capsize=3)
+    shares = [getattr(score, kind) for score in scores.values()]
+    places = np.arange(len(scores)) + 0.2 * (2 * index - 1)
+    values = np.array([share.value for share in shares])
+    low, high = np.array([share.interval for share in shares]).T
+    bars = axes.bar(places, values, 0.38, yerr=[values - low, high - values], capsize=3)
+    bars.set_label(kind.replace("_", " "))
 axes.set_xticks(range(len(scores)), scores)
 axes.set_ylabel("share that P1 answers right")
 axes.legend(loc="lower right")
