@@ -234,7 +234,8 @@ def state_from_json(content: Mapping[str, Any], where: str) -> State:
     """Read a state that ``state_json`` wrote. Raises InvalidInput."""
     try:
         numbers = {item.name: np.array(content[item.name], dtype=float) for item in fields(State)}
-        return State(**{n: float(v) if n in ("time_s", "bump_n") else v for n, v in numbers.items()})  # type: ignore[arg-type]
+        values: dict[str, Any] = {**numbers, **{name: float(numbers[name]) for name in ("time_s", "bump_n")}}
+        return State(**values)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InvalidInput(f"{where}: expected a whole measurement, got {shown(error, 80)}") from None
 

@@ -115,10 +115,8 @@ class SceneSpec(_Keys):
     def moves(self) -> list[list[tuple[str, tuple[int, ...]]]]:
         """The limbs put down, step after step, each with the surfaces that it may be put on."""
         if not isinstance(self.phases[0].moving, str):
-            return [
-                [(limb, tuple(allowed)) for limb, allowed in zip(phase.moving, phase.allowed, strict=True)]  # type: ignore[arg-type]
-                for phase in self.phases
-            ]
+            steps: list[Any] = [zip(phase.moving, phase.allowed, strict=True) for phase in self.phases]
+            return [[(limb, tuple(allowed)) for limb, allowed in step] for step in steps]
         each = [phase for _ in range(self.rounds) for phase in self.phases[1:]]
         order = self.ours.order
         return [[(order[k % len(order)], tuple(phase.allowed))] for k, phase in enumerate(each)]  # type: ignore[arg-type]

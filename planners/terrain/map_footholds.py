@@ -129,8 +129,8 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             certainty=sure[number],
         )
         margin_m = None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing  # kept by the outline
-        strips = bool(rms[number] <= flattest[number])
-        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m, strips)
+        is_strip = bool(rms[number] <= flattest[number])
+        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m, is_strip)
         if facet.certainty is not None:  # bodies keep out of all that it may be
             wider = facet.certainty.inset_m - limits.margin_m
             outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)

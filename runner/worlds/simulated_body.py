@@ -79,7 +79,9 @@ def simulated_body(model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: 
     base = next(name for name in links if name not in children)
     _check_weights(root, model)
     _weigh(links, base, model.body.mass_kg, mass_share)
-    turned = {joint.get("name", ""): joint.find("child").get("link", "") for joint in root.findall("joint")}  # type: ignore[union-attr]
+    turned = dict[str, str]()
+    for joint in root.findall("joint"):
+        turned[joint.get("name", "")] = joint.find("child").get("link", "")  # type: ignore[union-attr]
     for name, rotor in zip(joints, () if rotors_kg_m2 is None else rotors_kg_m2, strict=rotors_kg_m2 is not None):
         _add_rotor(links[turned[name]], float(rotor))
     return SimulatedBody(

@@ -264,8 +264,9 @@ def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Traje
         place = way.left[0][0].start_xy_m
         if DONE not in way.outcomes:
             return way, None
+        samples: dict[str, Any] = {name: kept.samples[name] for name in SAMPLES}
         walked = Trajectory(
-            **{name: kept.samples[name] for name in SAMPLES}, robot=task.robot, terrain=task.terrain,
+            **samples, robot=task.robot, terrain=task.terrain,
             friction=task.friction, adhesive=np.array(task.adhesive),
             start_xy_m=task.start_xy_m, goal_xy_m=place, heading_rad=task.start_yaw_rad, still=(True, True),
         )  # fmt: skip
