@@ -6,7 +6,8 @@ Every file of a plan or a walk is exported and the export verified, by the funct
 table that was exported: the same verdict, and figures within 1e-6; once more without contacts and forces: the same
 verdict per group where it is known; and four times spoiled, each of which has to be found: a foot that slips by 40 mm
 along x where it stands, a foot that goes 30 mm into what it stands on, a joint 0.05 rad beyond its limit, a body 60 mm
-beside the outermost foot that stands, which tips over. FILEs are what ``stancekit plan`` and ``gait`` write.
+beside the outermost foot that stands, which tips over. A motion without joints is named and left out. FILEs are what
+``stancekit plan`` and ``gait`` write.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class Exports:
 
     def run(self) -> None:
         """Judge all of them, and say what came of it."""
-        lines = [self._line(path) for path in self.files]
+        lines = [line for line in map(self._line, self.files) if "without" not in line]
         for name in ("accepted", "same", "stripped_same", *WANTED):
             print(f"{name}: {sum(line[name] is True for line in lines)} of {len(lines)}")
         print(f"figures off by {max(float(line['off']) for line in lines):.2g} at most")
@@ -59,6 +60,9 @@ class Exports:
         robot, _, terrain, gravity = scene_of(subject)
         assert robot is not None
         moved = moved_of(subject, "npz", 100.0, str(path))
+        if moved.without:
+            print(json.dumps(line := {"file": str(path), "without": moved.without}), flush=True)
+            return line
 
         def judged(table: MotionTable) -> Report[MotionTable]:
             return check_motion(table, robot, terrain, gravity_m_s2=gravity)
@@ -99,8 +103,8 @@ def spoiled(table: MotionTable, how: str, kinematics: Kinematics, terrain: Terra
     hump = np.sin(np.pi * np.clip(np.linspace(-0.5, 1.5, count), 0.0, 1.0)) ** 2
     bare = replace(table, contact=None, forces_n=None, torques_nm=None, rates_rad_s=None)
     if how == "limit":
-        joint = int(np.argmax(np.isfinite(kinematics.upper_rad)))
-        past = kinematics.upper_rad[joint] + BEYOND_RAD - angles[:, joint]
+        joint = int(np.argmax(np.isfinite(kinematics.highest_rad)))
+        past = kinematics.highest_rad[joint] + BEYOND_RAD - angles[:, joint]
         angles[:, joint] += hump * past.max()
         return replace(bare, angles_rad=angles)
     if how == "tip-over":  # the body goes aside, and its feet with it but those that stand: the joints follow

@@ -232,6 +232,16 @@ class Link:
     points_m: Array
     radius_m: float
 
+    @property
+    def middle_m(self) -> Array:
+        """Of its points, shape (3,) [m]."""
+        return np.asarray(0.5 * (self.points_m.min(axis=0) + self.points_m.max(axis=0)))
+
+    @property
+    def reach_m(self) -> float:
+        """How far it goes from its middle [m]."""
+        return float(np.linalg.norm(self.points_m - self.middle_m, axis=1).max()) + self.radius_m
+
 
 class Robot:
     """A URDF: its joints from parent to child, and points of what its links collide with."""
@@ -247,6 +257,8 @@ class Robot:
         children = {child for _, _, _, child, _, _ in self.joints}
         self.base = next(link.get("name") for link in root.findall("link") if link.get("name") not in children)
         self.links = [each for link in root.findall("link") for each in _points(link)]
+        self.middles_m = [link.middle_m for link in self.links]
+        self.reaches_m = np.array([link.reach_m for link in self.links])
 
     def placed(self, base: Array, angles: Mapping[str, float]) -> dict[str, Array]:
         """Frames of all links in the world, shape (4, 4) each; base: that of the first."""
@@ -338,8 +350,13 @@ def judged(scene: Scene, path: Path) -> dict[str, Any]:
         base[:3, :3], base[:3, 3] = postures.rotations[number], postures.origins_m[number]
         frames = robot.placed(base, dict(zip(known.joints, angles, strict=True)))
         about = boxes[np.all((boxes[:, ::2] < base[:3, 3] + 1.5) & (boxes[:, 1::2] > base[:3, 3] - 1.5), axis=1)]
-        for link in robot.links:
-            frame = frames[link.name]
+        placed = [frames[link.name] for link in robot.links]
+        middles = np.array([
+            frame[:3, :3] @ middle + frame[:3, 3] for frame, middle in zip(placed, robot.middles_m, strict=True)
+        ])  # fmt: skip
+        most = depth_in(middles, about) + robot.reaches_m
+        for k in np.flatnonzero(most > worst[0]):  # depths change no faster than places
+            link, frame = robot.links[k], placed[k]
             depth = float(depth_in(link.points_m @ frame[:3, :3].T + frame[:3, 3], about).max()) + link.radius_m
             if depth > worst[0]:
                 before, after = moments.before[number], moments.after[number]

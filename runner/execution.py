@@ -85,11 +85,13 @@ class Execution:
         stances: Sequence[str],
         tolerance: Tolerance,
         wall_s: float,
+        touch_downs_m: Array | None = None,
     ) -> Execution:
         """Compare a record, of one period or more, with what was planned.
 
         goal_m: where the centre of mass should end, shape (3,). stances: what every foothold is called in a message.
-        wall_s: real time taken [s].
+        wall_s: real time taken [s]. touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of
+        what is exact, shape (P,); None where feet do not feel.
         """
         trace = Trace.of(record, kinematics)
         planned = Rotation.from_rotvec([target.sample.rotation_rad for target, _ in record.pairs])
@@ -102,6 +104,8 @@ class Execution:
         limits_nm = world.capabilities.torque_nm
         between = trace.forces_n - trace.planned_forces_n
         wrong = _wrong(stances, tolerance, trace, fallen_s, final, slip)
+        if touch_downs_m is not None:
+            wrong += _not_found(stances, trace, touch_downs_m)
         return cls(
             world=world.name,
             succeeded=not wrong,
@@ -146,3 +150,13 @@ def _wrong(
     if slip[worst] > tolerance.slip_m:
         wrong.append(f"{stances[worst]} slipped {1e3 * slip[worst]:.0f} mm")
     return wrong
+
+
+def _not_found(stances: Sequence[str], trace: Trace, touch_downs_m: Array) -> list[str]:
+    """The footholds on noisy ground whose feet felt nothing all the while they should stand, in words."""
+    missed = np.flatnonzero((touch_downs_m > 0.0) & ~trace.found(len(stances)))
+    if not len(missed):
+        return []
+    first = int(missed[0])
+    more = f", nor did {len(missed) - 1} others" if len(missed) > 1 else ""
+    return [f"{stances[first]} found no ground within {1e3 * touch_downs_m[first]:.0f} mm of its place{more}"]

@@ -13,6 +13,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.motion.touch_down import touch_downs_m
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .acceptance import Accepted, AcceptedGait, check_joints
@@ -76,7 +77,8 @@ class Prepared(Tracked[P_co]):
 
     digest: of the verdict on it. terrain: what it was made for; surfaces: what feet stay out of. pace: of that asked
     for, 1 where it was slow enough; bound_by: what slowed it down. clearance_m: how far feet are lifted where the path
-    to the first pose is not clear.
+    to the first pose is not clear. touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of
+    what is exact, shape (P,).
     """
 
     digest: str
@@ -88,6 +90,7 @@ class Prepared(Tracked[P_co]):
     clearance_m: float
     pace: float = 1.0
     bound_by: str = ""
+    touch_downs_m: Array | None = None
 
     def entry(self, world: SafeWorld) -> dict[str, Any]:
         """Entry of a log before the run."""
@@ -104,7 +107,7 @@ class Prepared(Tracked[P_co]):
         """Compare the measurements with the plan."""
         return Execution.of(
             record, self.kinematics, world, goal_m=self.motion.goal_m, stances=self.motion.stances,
-            tolerance=settings.tolerance, wall_s=wall_s,
+            tolerance=settings.tolerance, wall_s=wall_s, touch_downs_m=self.touch_downs_m if self.sees else None,
         )  # fmt: skip
 
 
@@ -153,7 +156,9 @@ def prepare_plan(
     followed: Motion = Hung(motion) if settings.hung else motion
     if resumption is not None and not settings.hung:
         followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
-    tracker = Tracker(followed, kinematics, world.rate_hz, feedback, settings.body, wished, world.drives)
+    tracker = Tracker(
+        followed, kinematics, world.rate_hz, feedback, settings.body, wished, world.drives, touch_downs_m(plan)
+    )
     first = tracker.start()
     if resumption is not None:
         tracker.take_over(world.last_rad - first.targets_rad, motion.rest_s)
@@ -161,6 +166,7 @@ def prepare_plan(
         digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
         tracker=tracker, first=first, sees=sees, pace=pace, bound_by=bound_by,
         clearance_m=motion.timing.clearance_m, terrain=course.terrain, surfaces=motion.solids,
+        touch_downs_m=touch_downs_m(plan),
     )  # fmt: skip
 
 

@@ -105,6 +105,13 @@ class Trace:
                  for rows, _, first in self._stood(footholds)]  # fmt: skip
         return np.array(since)
 
+    def found(self, footholds: int) -> NDArray[np.bool_]:
+        """Whether every foothold's foot touched while it should stand; true of those that never should, shape (P,)."""
+        touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
+        return np.array(
+            [not len(rows) or bool(touches[rows, limbs].any()) for rows, limbs, _ in self._stood(footholds)]
+        )
+
     def _stood(self, footholds: int) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], int]]:
         """Rows and limbs of every foothold, and at which of them its foot touches first."""
         touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N

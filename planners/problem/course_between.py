@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_int, read_only
+from ..files.validation import validated
 from ..robot.model import Robot
 from ..terrain.footholds import Footholds
 from .alternatives import AS_ASKED, Alternative
@@ -57,7 +58,7 @@ def course_between(
     }  # fmt: skip
 
     def described(**more: Any) -> CourseSpec:
-        made = CourseSpec(**{**keys, **more})
+        made = validated(CourseSpec, {**keys, **more}, _called(terrain.file))
         return made.of_robot(robot) if isinstance(robot, Robot) else made
 
     spec = described()

@@ -17,6 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.patch import Patch
 from ..terrain.polygon import surface_patch
+from ..terrain.rung import Rung
 from ..terrain.terrain import Terrain
 from .family_scene import FamilyScene as FamilyScene
 from .file_terrain import FileTerrain as FileTerrain
@@ -29,6 +30,9 @@ from .terrain_spec import TerrainSpec as TerrainSpec
 
 BEYOND_M = 0.6
 """How far a generated terrain goes on beyond the ends of the path [m]."""
+
+INSIDE_M = 1.0
+"""Footholds of bars are those inside of any margin of candidates [m]."""
 
 Lean = Annotated[float, Field(ge=-1.0, le=1.0)]
 PanelRow = Annotated[str, Field(pattern=r"^[#.]+$")]
@@ -208,6 +212,44 @@ class Tube(TerrainSpec):
         return surface_patch(corners, self.friction, towards_m=centre - out)
 
 
+class Bars(TerrainSpec):
+    """Level bars across the way, flat on top or round, as of a grating or a ladder that lies; one is under the start.
+    bar_m: width of a flat bar, diameter of a round one; margin_m: of feet from borders of flat bars and from ends."""
+
+    kind: Literal["bars"]
+    apart_m: Positive = 0.12
+    bar_m: Annotated[float, Field(ge=0.008, le=0.5)] = 0.03
+    round: bool = False
+    width_m: Positive = 0.5
+    margin_m: Annotated[float, Field(ge=0.0, le=0.5)] = 0.012
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """Their tops at z = 0: of round ones the lines that feet stand on, and their sides."""
+        low, high = _span(path_m[:, 0])
+        _check_size(7 * int(min((high - low) / self.apart_m, MOST_PATCHES)))
+        first, last = np.ceil((np.array([low, -high]) - path_m[0, 0] * np.array([1.0, -1.0])) / self.apart_m)
+        places = path_m[0, 0] + self.apart_m * np.arange(first, 1.0 - last)
+        if self.round:
+            return self._round(places)
+        half = 0.5 * self.bar_m
+        if half <= self.margin_m:
+            raise InvalidInput(
+                f"terrain.bar_m: expected more than {2.0 * self.margin_m:g} m, twice margin_m, got {self.bar_m:g}"
+            )
+        bars = tuple(_level(x - half, x + half, -self.width_m, self.width_m, 0.0, self.friction) for x in places)
+        inner, end = half - self.margin_m, self.width_m - self.margin_m
+        tops = tuple(_level(x - inner, x + inner, -end, end, 0.0, self.friction) for x in places)
+        return Terrain(bars, (False,) * len(bars), tops, INSIDE_M)
+
+    def _round(self, places: Array) -> Terrain:
+        radius, end = 0.5 * self.bar_m, self.width_m - self.margin_m
+        ends = np.array([[0.0, -self.width_m, -radius], [0.0, self.width_m, -radius]])
+        rungs = [Rung.between(ends + np.array([x, 0.0, 0.0]), radius) for x in places]
+        lines = tuple(rung.line(-end, end, self.friction) for rung in rungs)
+        sides = tuple(side for rung in rungs for side in rung.sides(-self.width_m, self.width_m, self.friction))
+        return Terrain((*lines, *sides), (False,) * (len(lines) + len(sides)), lines, INSIDE_M)
+
+
 class GroundToWall(Walls):
     """Level ground at z = 0 between two walls that stand on it."""
 
@@ -224,7 +266,7 @@ class GroundToWall(Walls):
 
 
 AnyTerrain = Annotated[
-    Polygons | FileTerrain | Flat | Stairs | Walls | IcyWalls | Tube | GroundToWall | FamilyScene,
+    Polygons | FileTerrain | Flat | Stairs | Walls | IcyWalls | Tube | Bars | GroundToWall | FamilyScene,
     Field(discriminator="kind"),
 ]
 

@@ -56,6 +56,8 @@ above it, where nobody knows the robot's links."""
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 TRIES = 32
 """So many straight parts are tried from a node of a way on."""
+NEAR, TURN_RAD = 6, np.pi / 4.0
+"""The direction of a way at a node is that between nodes so far before and after it, to an eighth of a turn."""
 GAPS = 12
 """So often is the widest gap halved."""
 
@@ -119,13 +121,9 @@ class Footprint:
         """The farthest that it goes from the centre of mass [m]."""
         return float(np.linalg.norm(self.hull_m, axis=1).max())
 
-    @property
-    def width_m(self) -> float:
-        """Least width over all directions [m]."""
-        ahead = np.roll(self.hull_m, -1, axis=0) - self.hull_m
-        normals = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1)[:, None]
-        along = self.hull_m @ normals.T
-        return float((along.max(axis=0) - along.min(axis=0)).min())
+    def width_m(self, ahead_rad: float) -> float:
+        """Its width across a way in this direction, from x towards y [m]."""
+        return float(np.ptp(self.hull_m @ np.array([-np.sin(ahead_rad), np.cos(ahead_rad)])))
 
     def grown(self, room_m: float, scale: float = 1.0) -> Array:
         """The hull by a scale and with room around it, shape (K', 2) [m]."""
@@ -452,19 +450,22 @@ class _Lattice:
             return f"{head}: a step or slope of more than 45 degrees at ({place[0]:.2g}, {place[1]:.2g})"
         i, j = np.unravel_index(node, free.shape)
         place = self.corner_m + self.spacing_m * np.array([i, j])
+        at = through.index(node)
+        near = [self._point(through[k])[:2] for k in (max(at - NEAR, 0), min(at + NEAR, len(through) - 1))]
+        width = self.footprint.width_m(round(float(np.arctan2(*(near[1] - near[0])[::-1])) / TURN_RAD) * TURN_RAD)
         around = float(np.linalg.norm(self._places()[own] - place, axis=-1).max(initial=0.0))
         beyond = f"no way round within {around:.2g} m"
         if np.isfinite(self.z_m[i, j]):
             what = self._named(int(self.by[i, j]), place, float(self.z_m[i, j]))
-            return f"{head}: {what}: {beyond}{self._widest(ends)}"
+            return f"{head}: {what}: {beyond}{self._widest(ends, width)}"
         if self.missing[i, j] >= 0:
             toe = place + self.footprint.toes_m[int(self.missing[i, j]), :2]
             said = f"no footholds within {ASIDE * self.footprint.reach_m:.2g} m of ({toe[0]:.2g}, {toe[1]:.2g})"
             wall = self._wall_near(toe, float(known[i, j]))
-            return f"{head}: {wall or 'hole or border: ' + said}: {beyond}{self._widest(ends) if wall else ''}"
+            return f"{head}: {wall or 'hole or border: ' + said}: {beyond}{self._widest(ends, width) if wall else ''}"
         wall = self._wall_near(place, float(known[i, j]))
         step = f"step at ({place[0]:.2g}, {place[1]:.2g}) that is higher than the legs can take"
-        return f"{head}: {wall or step}: {beyond}{self._widest(ends) if wall else ''}"
+        return f"{head}: {wall or step}: {beyond}{self._widest(ends, width) if wall else ''}"
 
     def _wall_near(self, place: Array, body_z: float) -> str:
         """The highest solid over the ground that is near to a place, for people; empty for none."""
@@ -483,8 +484,11 @@ class _Lattice:
                 found.append((float(high - low), number))
         return self._named(max(found)[1], place, body_z) if found else ""
 
-    def _widest(self, ends: list[int]) -> str:
-        """Width of the widest gap, where a narrower robot would have a way; empty where none would."""
+    def _widest(self, ends: list[int], width: float) -> str:
+        """Width of the widest gap, where a narrower robot would have a way; empty where none would.
+
+        width: of this robot across its way [m].
+        """
         low, high = 0.0, 1.0
         heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
         corners, places = self._border, self._places()
@@ -509,10 +513,9 @@ class _Lattice:
         for _ in range(GAPS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if passes(middle) else (low, middle)
-        width = self.footprint.width_m
         if low * width < self.spacing_m:
             return ""
-        return f"; the robot is {width:.2g} m wide, and the widest gap about {low * width:.2g} m"
+        return f"; the robot is {width:.2g} m wide across it, and the widest gap about {low * width:.2g} m"
 
     def _graph(self, z: Array, worth: Array) -> Any:
         """Ways between neighbouring nodes, by what they cost."""

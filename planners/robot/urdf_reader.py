@@ -103,6 +103,8 @@ def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
 
 FLYING = ("floating", "planar")
 """Types of a root joint that is the base's own freedom."""
+FLIES = ("JointModelFreeFlyer", "JointModelPlanar")
+"""The same, as pinocchio calls them."""
 
 
 def remove_root_joint(root: Element) -> bool:
@@ -158,17 +160,29 @@ def built(text: str, where: str) -> Any:
     with TemporaryFile() as said:
         try:
             with _standard_error(said.fileno()):
-                return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+                model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
         except Exception as error:  # what pinocchio meets
             said.seek(0)
             lines = said.read(10_000).decode(errors="replace").splitlines()
             reason = next((line.partition("Error:")[2] for line in lines if line.startswith("Error:")), str(error))
             raise InvalidInput(f"{where}: expected a URDF: {' '.join(reason.split())[:120]}") from None
+    base = base_joint(model)
+    for j in range(base + 1, model.njoints):
+        if model.joints[j].shortname() in FLIES:
+            raise InvalidInput(
+                f"{where}: joint '{model.names[j]}': expected joints that are floating or planar above the base alone, "
+                "got one between two of its links: make it fixed, or leave out what it carries"
+            )
+    return model
 
 
 def base_joint(model: Any) -> int:
-    """pinocchio's number of the joint that carries the base: the last one that flies."""
-    return max(j for j in range(model.njoints) if model.joints[j].nq == 7)
+    """pinocchio's number of the joint that carries the base: the last of those that fly, one below the other, from the
+    root on, with nothing beside them."""
+    base = 1
+    while len(below := model.children[base]) == 1 and model.joints[below[0]].nq == 7:
+        base = int(below[0])
+    return base
 
 
 def at_rest(model: Any) -> Any:

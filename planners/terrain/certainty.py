@@ -6,8 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..files.codec import LATER
+
+NEGATIVE = 1e-9
+"""What rounding makes of a covariance, as a share of its largest entry."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,6 +35,12 @@ class Certainty:
     def __post_init__(self) -> None:
         object.__setattr__(self, "about_m", read_only(self.about_m, (2,), "about_m"))
         object.__setattr__(self, "covariance", read_only(self.covariance, (3, 3), "covariance"))
+        least = float(np.linalg.eigvalsh(self.covariance)[0])
+        skew = float(np.abs(self.covariance - self.covariance.T).max())
+        if max(skew, -least) > NEGATIVE * float(np.abs(self.covariance).max()):
+            raise InvalidInput(
+                f"covariance: expected a symmetric matrix without negative eigenvalues, got {self.covariance.tolist()}"
+            )
         for name in ("edge_sd_m", "inset_m", "rough_m"):
             checked(getattr(self, name), name, least=0.0)
 

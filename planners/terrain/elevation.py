@@ -22,6 +22,8 @@ FARTHEST = 1e15
 """Cells from the origin, numbers of which are still exact."""
 MOST_FILLED = 400_000
 """Holes in cells that are filled at once."""
+HIGHEST_M = 0.9 * LARGEST
+"""No height of a map is farther from 0: what is planned on it is higher, and stays within what values may be [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,6 +75,8 @@ class ElevationMap:
                 f"{self.name}: expected heights within {WIDEST_M:g} m, got {np.nanmax(heights) - np.nanmin(heights):g} "
                 "m from lowest to highest; a file in millimetres is read with unit_m=0.001"
             )
+        if (far := float(np.nanmax(np.abs(heights)))) > HIGHEST_M:
+            raise InvalidInput(f"{self.name}: expected heights up to {HIGHEST_M:g} m, got {far:g}")
         heights.setflags(write=False)
         object.__setattr__(self, "heights_m", heights)
 
@@ -105,6 +109,12 @@ class ElevationMap:
         cells = np.round(points_m[:, :2] / spacing_m).astype(np.int64)
         first, last = cells.min(axis=0), cells.max(axis=0)
         shape = tuple((last - first + 1).tolist())
+        for axis, cells_across in zip("xy", shape, strict=True):
+            if cells_across < FEWEST:
+                raise InvalidInput(
+                    f"{name}: expected points over {FEWEST} or more cells of {spacing_m:g} m along {axis}, got "
+                    f"{cells_across}; see spacing_m"
+                )
         if shape[0] * shape[1] > MOST_POINTS:
             raise InvalidInput(
                 f"{name}: expected {MOST_POINTS} cells or fewer, got {shape[0] * shape[1]}; see spacing_m"

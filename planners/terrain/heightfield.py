@@ -176,7 +176,10 @@ class HeightField:
     @classmethod
     def from_array(cls, heights_m: Array, spacing_m: float = 0.05, *, name: str = "") -> HeightField:
         """Heights, shape (n, m), h at x_i and y_j, on a square grid of this spacing with its middle at the origin."""
-        heights = np.asarray(heights_m)
+        try:
+            heights = np.asarray(heights_m)
+        except ValueError:  # rows of several lengths
+            raise InvalidInput(f"{name or 'terrain'}: expected heights of shape (n, m), got rows that differ") from None
         if heights.ndim != 2:
             raise InvalidInput(f"{name or 'terrain'}: expected heights of shape (n, m), got shape {heights.shape}")
         spacing = checked(spacing_m, "spacing_m", above=0.0)

@@ -129,8 +129,8 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             certainty=sure[number],
         )
         margin_m = None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing  # kept by the outline
-        is_strip = bool(rms[number] <= flattest[number])
-        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m, is_strip)
+        narrow_too = bool(rms[number] <= flattest[number])
+        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m, narrow_too)
         if facet.certainty is not None:  # bodies keep out of all that it may be
             wider = facet.certainty.inset_m - limits.margin_m
             outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
@@ -333,11 +333,12 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
     a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
     labels = np.where(np.abs(a * i + b * j + c - heights) <= ALONE * limits.rms_m, labels, -1)
     open_ = np.isfinite(heights) & (labels < 0)
-    for turn in range(half + 3):
-        if turn > half:
+    reach = half + half // 2  # across the grid edges are farther away than along it
+    for turn in range(reach + 3):
+        if turn > reach:
             alike = sum((_shifted(labels, *way) == labels).astype(int) for way in ((0, 1), (0, -1), (1, 1), (1, -1)))
             open_ = np.isfinite(heights) & ((labels < 0) | (alike <= 1))
-        best, least = np.full(labels.shape, -1), np.full(labels.shape, (OFF if turn <= half else ALONE) * limits.rms_m)
+        best, least = np.full(labels.shape, -1), np.full(labels.shape, (OFF if turn <= reach else ALONE) * limits.rms_m)
         votes = np.zeros(labels.shape, dtype=np.int_)
         for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
             near = _shifted(labels, axis, shift)
@@ -347,7 +348,7 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
             votes += near == best
             better = open_ & (near >= 0) & (off < least) & (sizes[of] >= FEWEST_CELLS)
             best[better], least[better] = near[better], off[better]
-        chosen = (best >= 0) if turn <= half else (best >= 0) & (votes >= 2)
+        chosen = (best >= 0) if turn <= reach else (best >= 0) & (votes >= 2)
         labels[chosen] = best[chosen]
         open_ &= ~chosen
     return labels

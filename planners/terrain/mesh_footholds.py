@@ -21,6 +21,7 @@ from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .mesh_rungs import MeshRung, rungs_of
 from .patch import Patch
 from .polygon import SMALLEST_M
+from .rung import held_on_both_sides
 from .triangle_mesh import TriangleMesh
 
 ABOVE_M = 1e-4
@@ -97,13 +98,14 @@ def _on_rungs(
                 refused["small" if whole else "covered"] += part.area
                 continue
             patch = rung.line(low + limits.margin_m, high - limits.margin_m, friction)
+            patch = patch.with_friction(held_on_both_sides(friction, each.turn_rad))
             pieces.append(
                 TerrainPatch(
                     patch=patch,
                     rms_m=line.rms_m,
                     samples=len(each.triangles),
                     surface=first + number,
-                    turn_rad=rung.turn_rad,
+                    turn_rad=each.turn_rad,
                 )
             )
             refused["edge"] += max(part.area - pieces[-1].area_m2, 0.0)

@@ -21,16 +21,24 @@ FEWEST = 4
 STRAIGHT, BENT, ROUND = 1e-5, 0.02, 0.02
 """The share that normals of a rung have along its axis, and the least that they have across, of their squares; and how
 far corners may be off the circle, in radii."""
-ARC_RAD = 0.5
+ARC_RAD = 0.3
 """A rung's surface goes on to both sides of its highest line by this or more [rad]."""
+COARSE_RAD = 0.2
+"""Sides of a mesh that lean by more where the line is are taken as they are; sixteen sides are round [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshRung:
-    """A rung and the numbers of its triangles."""
+    """A rung, the numbers of its triangles, and how far those at its highest line lean [rad]."""
 
     rung: Rung
     triangles: NDArray[np.int_]
+    lean_rad: float
+
+    @property
+    def turn_rad(self) -> float:
+        """How far its surface turns from the middle of the line to the border."""
+        return max(self.rung.turn_rad, self.lean_rad if self.lean_rad > COARSE_RAD else 0.0)
 
     def line(self, corners_m: Array) -> FlatPiece:
         """Highest line of the rung as a strip, where triangles of it, with corners of shape (K, 3, 3), are below."""
@@ -74,7 +82,19 @@ def rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[Mes
     first = np.searchsorted(label[order], np.arange(count + 1))
     groups = [(order[first[k] : first[k + 1]], vectors[k, :, 0]) for k in np.flatnonzero(bent).tolist()]
     found = [(group, _rung(corners[group], normals[group], axis, flat_m)) for group, axis in groups]
-    return [MeshRung(rung=rung, triangles=group) for group, rung in found if rung is not None]
+    return [
+        MeshRung(rung=rung, triangles=group, lean_rad=_lean(rung, corners[group], normals[group]))
+        for group, rung in found
+        if rung is not None
+    ]
+
+
+def _lean(rung: Rung, corners: Array, normals: Array) -> float:
+    """How far triangles, shapes (K, 3, 3) and (K, 3), lean that are under a rung's line [rad]."""
+    upward = normals @ rung.upright
+    aside = (corners - rung.middle_m) @ np.cross(rung.upright, rung.axis)
+    under = (upward > 0.0) & (aside.min(axis=1) < rung.half_width_m) & (aside.max(axis=1) > -rung.half_width_m)
+    return float(np.arccos(np.clip(upward[under].min(initial=1.0), -1.0, 1.0)))
 
 
 def _rung(corners: Array, normals: Array, axis: Array, flat_m: float) -> Rung | None:
@@ -95,7 +115,7 @@ def _rung(corners: Array, normals: Array, axis: Array, flat_m: float) -> Rung | 
         return None
     outward = np.vecdot(points.mean(axis=1) - middle, normals @ across)
     angle = np.arctan2(flat[:, 0] - middle[0], flat[:, 1] - middle[1])
-    about_top = [np.any((way * angle >= ARC_RAD) & (way * angle <= 1.2 * TURN_RAD)) for way in (-1.0, 1.0)]
+    about_top = [np.any((way * angle >= ARC_RAD) & (way * angle <= ARC_RAD + TURN_RAD)) for way in (-1.0, 1.0)]
     if outward.min() <= 0.0 or not all(about_top):
         return None
     highest = about + across @ np.array([middle[0], flat[:, 1].max()])

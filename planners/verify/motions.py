@@ -1,10 +1,10 @@
 """The verifier of motions that come from elsewhere: a table of joints and body, a robot, a terrain, and nothing else.
 
 Feet, centre of mass and momentum are those of the robot's own file at the table's joints. Contacts are those of the
-table, or else of feet that are within ``GAP_M`` of the terrain and move neither to nor from it; whether forces that
-carry the motion exist is a program per row: λ ≥ 0 over the edges of friction cones of eight sides, least distance from
-Newton and Euler for the whole robot. Forces of the table are judged, too, where it has some. A group of which the
-table, the robot's file or the terrain does not say enough is named as not checked, with the reason.
+table, or else of feet that are within ``GAP_M`` of the terrain and move neither to nor from it, nor fast along it;
+whether forces that carry the motion exist is a program per row: λ ≥ 0 over the edges of friction cones of eight sides,
+least distance from Newton and Euler for the whole robot. Forces of the table are judged, too, where it has some. A
+group of which the table, the robot's file or the terrain does not say enough is named as not checked, with the reason.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from ..robot.model import Robot
 from ..robot.overlaps import WholeBody
 from ..robot.urdf_reader import at_rest, base_joint
 from ..terrain.ground import Ground
+from ..terrain.heightfield import HeightField
 from ..terrain.obstacles import Obstacles
 from ..terrain.patch import Patch
 from .bodies import bodies_report, spaced
@@ -36,10 +37,16 @@ GAP_M = 1e-3
 """A foot so near to the terrain touches it."""
 STILL_M_S = 0.02
 """A foot that stands moves no faster to or from the terrain."""
+SLIDES_M_S = 0.15
+"""Nor along it, where the file does not say that it stands: a foot that skims over the ground swings."""
 WINDOW_S = 0.2
 """Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
 EDGES = 8
 """Of the pyramid in a friction cone."""
+NARROW_M = 0.01
+"""Under feet that are smaller, the nearest point of heights is looked for so far around."""
+OTHERWISE = 0.99
+"""Surfaces whose normals have a greater cosine than this between them lean alike."""
 UNITS = {
     "joints": "rad",
     "joint_speed": "1",
@@ -61,10 +68,11 @@ class MotionLimits:
     """Tolerances for a motion; forces in units of the weight, moments of weight times stand height.
 
     joints: beyond a limit [rad]. joint_speed, torque: shares of what the robot's file gives. contact_gap_m,
-    penetration_m: of a foot that stands, of any foot. slip_m: of a standing foot's point of contact since it came down,
-    rolling left out. balance: what no forces in the cones give, mean over ``WINDOW_S``; forces: the same of the forces
-    of the table, which may be those of a body at rest. cone, swing_force: of the table's forces, outside of cones, and
-    on feet that do not stand. bodies_m: of a link in another or in the terrain.
+    penetration_m: of a foot that stands, of any foot. slip_m: of a standing foot since it came down, of its point of
+    contact, rolling left out, or of its centre: whichever moved less. balance: what no forces in the cones give, mean
+    over ``WINDOW_S``; forces: the same of the forces of the table, which may be those of a body at rest. cone,
+    swing_force: of the table's forces, outside of cones, and on feet that do not stand. bodies_m: of a link in another
+    or in the terrain.
     """
 
     joints: float = 1e-3
@@ -161,6 +169,8 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
     ):
         if not names and kind == "limbs":
             continue
+        if not names:
+            raise InvalidInput("motion: expected angles of the joints, got none")
         if set(names) != set(own):
             odd = sorted(set(names) ^ set(own))
             which = "it lacks" if odd[0] in own else "the robot has no"
@@ -232,9 +242,10 @@ class _Measured:
         return _Worst.of(-self.surface[0], self.limbs, self.times_s)
 
     def slip(self) -> _Worst:
-        """Way of the point of contact since the foot came down, along the terrain, (T, N).
+        """Way of feet along the terrain since they came down, (T, N): of contact points or centres, whichever is less.
 
-        A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is slip.
+        A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is how far the point of
+        contact slid. Planners that take feet for points keep the centre where it is, and their feet stand, too.
         """
         centres, turns = self.feet
         normals = self.surface[1]
@@ -242,19 +253,19 @@ class _Measured:
         skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
         turned = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
         radii = self.kinematics.radii_m[:, None]
-        moved = np.diff(centres, axis=0) - radii * cross(turned, normals[1:])
-        moved = moved - np.sum(moved * normals[1:], axis=-1, keepdims=True) * normals[1:]
-        far, total = np.zeros(self.stands.shape), np.zeros(centres.shape[1:])
-        both = self.stands[1:] & self.stands[:-1]
-        for k in range(len(moved)):
-            total = np.where(both[k][:, None], total + moved[k], 0.0)
-            far[k + 1] = np.linalg.norm(total, axis=-1)
+        moved = np.diff(centres, axis=0)
+        both = np.stack([moved - radii * cross(turned, normals[1:]), moved])  # (2, T − 1, N, 3)
+        both = both - np.sum(both * normals[1:], axis=-1, keepdims=True) * normals[1:]
+        far, total = np.zeros(self.stands.shape), np.zeros((2, *centres.shape[1:]))
+        stays = self.stands[1:] & self.stands[:-1]
+        for k in range(both.shape[1]):
+            total = np.where(stays[k][:, None], total + both[:, k], 0.0)
+            far[k + 1] = np.linalg.norm(total, axis=-1).min(axis=0)
         return _Worst.of(far, self.limbs, self.times_s)
 
     def balance(self) -> _Worst:
-        """Part of the force and moment that the motion needs and that no forces within the cones
-        give, (T − 2,)."""
-        return _Worst.of(self._windowed(self._program[1]), (), self.times_s[1:-1])
+        """Part of the force and moment that the motion needs and that no forces within the cones give, (T − 2,)."""
+        return _Worst.of(self._windowed(self._lacks), (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
         """Part of the force and moment that the motion needs and that the table's forces lack, (T −
@@ -264,11 +275,13 @@ class _Measured:
         return _Worst.of(self._windowed(self._residual(given, arms)), (), self.times_s[1:-1])
 
     def cone(self) -> _Worst:
-        """Distance of the table's forces outside of their cones, (T, N)."""
-        forces, normals, friction = self.known["forces_n"], self.surface[1], self.surface[2]
-        along = np.sum(forces * normals, axis=-1)
-        across = np.linalg.norm(forces - along[..., None] * normals, axis=-1)
-        outside = np.maximum(across - friction * along, -along) / self.weight_n
+        """Distance of the table's forces from their cones, the nearer one where a foot touches two surfaces, (T, N)."""
+        forces, outside = self.known["forces_n"], np.full(self.stands.shape, np.inf)
+        for gap, normals, friction in (self.surface, self._beside):
+            along = np.sum(forces * normals, axis=-1)
+            across = np.linalg.norm(forces - along[..., None] * normals, axis=-1)
+            lacks = np.maximum(across - friction * along, -along) / self.weight_n
+            outside = np.minimum(outside, np.where(np.isinf(gap), np.inf, lacks))
         return _Worst.of(np.where(self.stands, outside, 0.0), self.limbs, self.times_s)
 
     def swing_force(self) -> _Worst:
@@ -315,13 +328,31 @@ class _Measured:
         return gap.reshape(centres.shape[:2]), normal.reshape(centres.shape), friction.reshape(centres.shape[:2])
 
     @cached_property
+    def _beside(self) -> tuple[Array, Array, Array]:
+        """The same of the nearest surface that leans otherwise and is touched, too; its gap is infinite without one."""
+        centres = self.feet[0]
+        gap, normal, friction = (np.array(each) for each in self.surface)
+        flat, radii = centres.reshape(-1, 3), np.broadcast_to(self.kinematics.radii_m, centres.shape[:2]).ravel()
+        first, second = normal.reshape(-1, 3), np.full(len(flat), np.inf)
+        normals, frictions = first.copy(), friction.reshape(-1).copy()
+        for patch in () if isinstance(self.terrain, Ground) else self.terrain:
+            away = np.abs(_from_polygon(patch, flat)[0] - radii)
+            better = (away <= GAP_M) & (away < second) & (first @ patch.normal < OTHERWISE)
+            second = np.where(better, away, second)
+            normals = np.where(better[:, None], patch.normal, normals)
+            frictions = np.where(better, patch.friction, frictions)
+        return second.reshape(gap.shape), normals.reshape(normal.shape), frictions.reshape(gap.shape)
+
+    @cached_property
     def stands(self) -> NDArray[np.bool_]:
         """Tell which feet stand, by the file or by the distance, shape (T, N)."""
         if "contact" in self.known:
             return np.asarray(self.known["contact"])
         gap = self.surface[0]
         slow = np.abs(np.gradient(gap, self.step_s, axis=0)) <= STILL_M_S
-        return np.asarray((gap <= GAP_M) & slow)
+        speed, normals = np.gradient(self.feet[0], self.step_s, axis=0), self.surface[1]
+        along = speed - np.sum(speed * normals, axis=-1, keepdims=True) * normals
+        return np.asarray((gap <= GAP_M) & slow & (np.linalg.norm(along, axis=-1) <= SLIDES_M_S))
 
     @cached_property
     def _points(self) -> Array:
@@ -366,26 +397,22 @@ class _Measured:
         return np.asarray(np.linalg.norm((wrench - self._dynamics[1]) * self._scale, axis=-1))
 
     @cached_property
-    def _program(self) -> tuple[Array, Array]:
-        """The forces within the cones that come nearest to what the motion needs, (T − 2, N, 3), and what they lack."""
+    def _lacks(self) -> Array:
+        """The same of each row by itself: a program per row finds the forces that come nearest, (T − 2,)."""
         from scipy.optimize import nnls
 
-        stands, normals, friction = self.stands[1:-1], self.surface[1][1:-1], self.surface[2][1:-1]
-        arms = self._points[1:-1] - self._com[1:-1, None]
-        edges = _cones(normals, friction)  # (T − 2, N, EDGES, 3)
-        levers = cross(arms[:, :, None], edges)
-        columns = np.concatenate([edges, levers], axis=-1) * self._scale
+        parts = []
+        for gap, normals, friction in (self.surface, self._beside):
+            arms = self.feet[0] - self.kinematics.radii_m[:, None] * normals - self._com[:, None]
+            edges = _cones(normals, friction)  # (T, N, EDGES, 3)
+            columns = np.concatenate([edges, cross(arms[:, :, None], edges)], axis=-1) * self._scale
+            parts.append((self.stands & np.isfinite(gap), columns))
+        carries, columns = (np.concatenate(part, axis=1)[1:-1] for part in zip(*parts, strict=True))
         needed = self._dynamics[1] * self._scale
-        forces, lacks = np.zeros(arms.shape), np.zeros(len(arms))
-        for k in range(len(arms)):
-            its = np.flatnonzero(stands[k])
-            matrix = columns[k, its].reshape(-1, 6).T
-            if matrix.size == 0:
-                lacks[k] = np.linalg.norm(needed[k])
-                continue
-            share, lacks[k] = nnls(matrix, needed[k])
-            forces[k, its] = np.einsum("ne,neq->nq", share.reshape(len(its), EDGES), edges[k, its])
-        return forces, lacks
+        lacks = np.linalg.norm(needed, axis=1)
+        for k in np.flatnonzero(carries.any(axis=1)):
+            lacks[k] = nnls(columns[k, carries[k]].reshape(-1, 6).T, needed[k])[1]
+        return np.asarray(lacks)
 
     def _windowed(self, series: Array) -> Array:
         """The mean over ``WINDOW_S`` about each row, shape (T − 2,)."""
@@ -403,11 +430,11 @@ def nearest(terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array)
         centres_m, radii_m: of the balls, shape (K, 3), (K,).
     """
     if isinstance(terrain, Ground):
-        heights, touching = terrain.heights, centres_m.copy()
-        for _ in range(5):  # the ball touches below its centre along the normal there
-            normal = heights.normal(touching[:, :2])
-            touching = centres_m - radii_m[:, None] * normal
-        return -terrain.depth(touching), normal, np.full(len(centres_m), terrain.friction)
+        place, normal = _nearest_on(terrain.heights, centres_m, radii_m)
+        height = terrain.heights.height(centres_m[:, :2])
+        far = np.linalg.norm(centres_m - place, axis=1)
+        gap = np.where(centres_m[:, 2] < height, -far, far) - radii_m
+        return gap, normal, np.full(len(centres_m), terrain.friction)
     best, side = np.full(len(centres_m), np.inf), np.zeros(len(centres_m))
     normals, friction = np.tile([0.0, 0.0, 1.0], (len(centres_m), 1)), np.ones(len(centres_m))
     for patch in terrain:
@@ -418,6 +445,40 @@ def nearest(terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array)
         normals = np.where(better[:, None], patch.normal, normals)
         friction = np.where(better, patch.friction, friction)
     return np.where(side < 0.0, -best, best) - radii_m, normals, friction
+
+
+def _nearest_on(heights: HeightField, centres: Array, radii: Array) -> tuple[Array, Array]:
+    """The points of a height field that are nearest to balls, and the normals there, shape (K, 3) each.
+
+    The best of a grid as wide as the ball, and descent from there: beside a step a ball touches elsewhere than below
+    its centre.
+    """
+    steps = np.linspace(-1.0, 1.0, 9)
+    around = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    flat = centres[:, :2]
+    grid = flat[:, None] + np.maximum(radii, NARROW_M)[:, None, None] * around
+    rise = heights.height(grid.reshape(-1, 2)).reshape(grid.shape[:2]) - centres[:, None, 2]
+    chosen = (np.sum((grid - flat[:, None]) ** 2, axis=-1) + rise**2).argmin(axis=1)
+    at = grid[np.arange(len(grid)), chosen]
+
+    def apart(places: Array) -> tuple[Array, Array, Array]:
+        height, slope = heights.height_and_gradient(places)
+        rise = centres[:, 2] - height
+        return np.sum((flat - places) ** 2, axis=1) + rise**2, rise, slope
+
+    best, rise, slope = apart(at)
+    share = np.ones((len(at), 1))
+    for _ in range(12):
+        steepness = 1.0 + np.sum(slope**2, axis=1, keepdims=True)
+        tried = at + share * (flat - at + rise[:, None] * slope) / steepness
+        away, its_rise, its_slope = apart(tried)
+        better = away < best
+        share = np.where(better[:, None], share, 0.5 * share)
+        at, best = np.where(better[:, None], tried, at), np.where(better, away, best)
+        rise, slope = np.where(better, its_rise, rise), np.where(better[:, None], its_slope, slope)
+    normal = np.concatenate([-slope, np.ones((len(at), 1))], axis=1)
+    place = np.concatenate([at, (centres[:, 2] - rise)[:, None]], axis=1)
+    return place, normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:

@@ -39,6 +39,8 @@ WITH_FEET = 0.5
 """A body over feet that stepped aside is pulled to its place, but for this share of what they did."""
 STEP = 0.2
 """Feet step aside by no more than this share of the height at which the robot stands."""
+GIVES_M = 0.006
+"""How far legs and body give, beside what is not known of the ground [m]."""
 FADES = 0.9
 """What is left after a control period of what a foot that has lifted was lowered, rolled and pressed."""
 
@@ -71,14 +73,15 @@ class ContactFeedback:
 class FootPlacement:
     """Placement of the feet of one motion.
 
-    step_s: feet in the air step aside by what the body's velocity error makes in this time; 0 for never. touched: which
+    step_s: feet in the air step aside by what the body's velocity error makes in this time; 0 for never. touch_downs_m:
+    how far beyond its place the ground of each foothold may be, 0 of what is exact, shape (P,). touched: which
     feet have landed, shape (N,). moved_m: what is added to the planned places of all feet, shape (N, 3);
     shift_m: to that of the body, shape (3,).
     """
 
     def __init__(
         self, first: Samples, kinematics: Kinematics, feedback: ContactFeedback, *, weight_n: float, step_s: float,
-        period_s: float,
+        period_s: float, touch_downs_m: Array | None = None,
     ) -> None:  # fmt: skip
         self._kinematics, self._feedback, self._weight = kinematics, feedback, weight_n
         self._step_s, self._period_s = step_s, period_s
@@ -88,6 +91,9 @@ class FootPlacement:
         self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
         self._depth, self._borne = np.zeros(len(first.feet_m)), np.ones(len(first.feet_m))
         self._listened, self._variance = 0.0, 0.0
+        known = np.zeros(0) if touch_downs_m is None else touch_downs_m
+        deepest = np.minimum(known + GIVES_M, feedback.seek_m)
+        self._deepest = np.append(np.where(known > 0.0, deepest, feedback.seek_m), feedback.seek_m)
 
     def seek(self, now: Samples, then: Samples, felt_n: Array, late: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Lower feet that should touch and do not; for which that were in the air just now to wait, shape (N,).
@@ -98,7 +104,8 @@ class FootPlacement:
         stands, lands, wanted = then.stands, ~now.stands, then.along_n
         late = late & stands & lands & self._feedback.waits
         missing = stands & ~late & (lands | (wanted > 4.0 * self._touch_n))
-        missing &= (felt_n < self._touch_n) & (self._depth < self._feedback.seek_m)
+        deepest = self._deepest[np.clip(then.foothold, -1, len(self._deepest) - 1)]
+        missing &= (felt_n < self._touch_n) & (self._depth < deepest)
         self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
         self._depth = np.where(stands, self._depth, FADES * self._depth)
         return np.asarray((missing & lands) | late)
@@ -144,9 +151,7 @@ class FootPlacement:
         self.moved_m = self.moved_m + away - left * (away - self._period_s * coming)
         self._drift = left * (self._drift - turns * coming)
 
-    def _land(
-        self, now: Samples, then: Samples, felt: Array, found: State, rolled: Array
-    ) -> NDArray[np.bool_]:
+    def _land(self, now: Samples, then: Samples, felt: Array, found: State, rolled: Array) -> NDArray[np.bool_]:
         """Find the feet that land just now, early or late, shape (N,); where they do is kept."""
         before, stands = self.touched, then.stands
         comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0

@@ -69,7 +69,7 @@ class Tracker:
     """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over.
 
     wished: ``resolved`` of the same motion and kinematics, where it is known. drives: the loops that are sent to, in
-    place of those that the kinematics' servo stands for.
+    place of those that the kinematics' servo stands for. touch_downs_m: as of ``FootPlacement``.
     """
 
     def __init__(
@@ -81,6 +81,7 @@ class Tracker:
         body: BodyFeedback = BodyFeedback(),
         wished: RedundancyResolution | None = None,
         drives: Drives | None = None,
+        touch_downs_m: Array | None = None,
     ) -> None:
         self._motion, self._kinematics, self._feedback, self._period_s = motion, kinematics, feedback, 1.0 / rate_hz
         model = kinematics.model
@@ -95,7 +96,13 @@ class Tracker:
         limbs = len(kinematics.robot.limbs)
         self._velocity = np.zeros(6)
         self._feet = FootPlacement(
-            motion.at(0.0), kinematics, feedback, weight_n=self._weight, step_s=body.step_s, period_s=self._period_s
+            motion.at(0.0),
+            kinematics,
+            feedback,
+            weight_n=self._weight,
+            step_s=body.step_s,
+            period_s=self._period_s,
+            touch_downs_m=touch_downs_m,
         )
         wished = wished or resolved(motion, kinematics)
         self._coming = Coming(motion, wished, self._period_s)

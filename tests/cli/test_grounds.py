@@ -165,3 +165,11 @@ def test_plug_ins_find_the_types_under_their_old_names():
     for module in (families, reference):
         with pytest.raises(AttributeError, match="has no attribute 'Nothing'"):
             _ = module.Nothing
+
+
+def test_a_mesh_so_far_up_that_a_course_on_it_has_no_numbers_is_refused_in_one_line(refusal):
+    corners = "".join(f"v {x} {y} 1000000\n" for x, y in ((-2, -2), (2, -2), (2, 2), (-2, 2)))
+    Path("far.obj").write_text(f"{corners}f 1 2 3\nf 1 3 4\n")
+    said = refusal("plan", "far.obj", "--start=0,0", "--goal", "0.1,0")
+    assert said.startswith("far: start_m")
+    assert "expected less than or equal to 1000000, got 1000000.2" in said

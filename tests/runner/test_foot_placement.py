@@ -16,7 +16,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.runner.control.body_feedback import BodyPose
-from stancekit.runner.control.foot_placement import WITH_FEET, ContactFeedback, FootPlacement
+from stancekit.runner.control.foot_placement import GIVES_M, WITH_FEET, ContactFeedback, FootPlacement
 from stancekit.runner.worlds.world import State
 from tests.planners.robot.small_urdfs import quadruped
 from tests.runner.at_rest import at_rest
@@ -131,3 +131,18 @@ def test_a_body_is_pulled_half_way_over_feet_that_stepped_aside(kinematics: Kine
     for _ in range(2):
         feet.follow(now, now, np.full(4, 50.0), NONE, (state(angles, BESIDE), PLACE))
     np.testing.assert_allclose(feet.shift_m, WITH_FEET * BESIDE, atol=1e-9)
+
+
+def test_a_foot_on_noisy_ground_comes_down_as_far_as_its_ground_may_be_and_no_farther(kinematics: Kinematics) -> None:
+    _, then = standing(kinematics)
+    now = replace(then, foothold=np.full(4, -1))
+    depths = np.array([0.0, 0.004, 0.012, 0.02])
+    feet = FootPlacement(
+        now, kinematics, ContactFeedback(), weight_n=100.0, step_s=0.0, period_s=PERIOD_S, touch_downs_m=depths
+    )
+    before, waited = feet.moved_m, np.zeros(4)
+    for _ in range(round(2.0 / PERIOD_S)):
+        waited += PERIOD_S * feet.seek(now, then, np.zeros(4), np.zeros(4, dtype=bool))
+    assert before == pytest.approx(0.0)
+    lowered = ContactFeedback().seek_m_s * waited
+    assert lowered == pytest.approx([0.02, 0.004 + GIVES_M, 0.012 + GIVES_M, 0.02], abs=2e-4)

@@ -214,6 +214,16 @@ def test_a_root_joint_that_flies_is_the_base(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(model.body.com_m, plain.body.com_m, atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_a_joint_that_flies_between_two_links_is_named(kind: str, tmp_path: Path) -> None:
+    loose = f'<link name="pack"/><joint name="strap" type="{kind}"><parent link="trunk"/><child link="pack"/></joint>'
+    carried = Made(name="carried", urdf=quadruped().replace("</robot>", f"{loose}</robot>"))
+    legless = Made(name="legless", urdf=quadruped().replace('type="revolute"', f'type="{kind}"', 1))
+    for made, joint in ((carried, "strap"), (legless, "LF_")):
+        with pytest.raises(InvalidInput, match=f"joint '{joint}.*': expected joints that are floating or planar above"):
+            named_robot(made.write(tmp_path))
+
+
 def test_what_run_cannot_do_is_known_before(tmp_path: Path) -> None:
     assert "slides" in read("knees-that-slide", tmp_path / "a").unrunnable[0]
     assert "no torque limit" in read("joints-without-effort", tmp_path / "b").unrunnable[0]

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.families import MIXED
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import TERRAINS, named_terrain, reference_tasks, reference_terrain
@@ -184,3 +185,14 @@ def test_a_function_finer_than_its_spline_says_by_how_many_millimetres():
     said = float(words.split("misses by ")[1].split(" mm")[0])
     assert 5.0 < said < 40.0
     HeightField.from_function(lambda x, y: 0.02 * np.sin(2.0 * np.pi * x / 0.12), spacing_m=0.01, name="comb")
+
+
+def test_rows_of_several_lengths_are_no_heights() -> None:
+    with pytest.raises(InvalidInput, match=r"terrain: expected heights of shape \(n, m\), got rows that differ"):
+        HeightField.from_array([[1.0], [2.0, 3.0]])  # type: ignore[arg-type]
+
+
+def test_heights_so_far_up_that_a_plan_on_them_has_no_numbers_are_refused() -> None:
+    for height_m in (1e6, -1e6, 1e300):
+        with pytest.raises(InvalidInput, match=r"^far: expected heights up to 900000 m, got 1e\+"):
+            ElevationMap.of_heights(np.full((9, 9), height_m), 0.05, "far")

@@ -5,7 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.cells import GroundCells
+from stancekit.planners.terrain.certainty import Certainty
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.foothold_search import footholds_of
 from stancekit.planners.terrain.footholds import FootholdLimits
@@ -86,3 +88,26 @@ def test_noise_is_estimated_and_what_is_exact_has_none():
     told = footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=0.025))
     assert (told.noise_m, told.noise_source) == (0.025, "as given")
     assert footholds_of(noisy_steps(0.0)).pieces[0].height_sd_m is None
+
+
+def test_noise_with_which_nothing_is_known_a_map_of_one_row_and_a_cloud_of_one_point_are_refused_in_a_line():
+    with pytest.raises(
+        InvalidInput, match=r"^steps: noise_m: expected 0.16 m or less, with which a plane .*, got 5 m$"
+    ):
+        footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=5.0))
+    assert footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=0.03)).pieces
+    with pytest.raises(InvalidInput, match=r"^row: x_m: expected 4 or more grid lines, got 1$"):
+        ElevationMap.of_heights(np.zeros((1, 60)), 0.02, "row")
+    message = r"^one: expected points over 4 or more cells of 0.02 m along x, got 1; see spacing_m$"
+    with pytest.raises(InvalidInput, match=message):
+        ElevationMap.of_points(np.zeros((1, 3)), 0.02, "one")
+
+
+@pytest.mark.parametrize("entry", [(0, 0, -1e-4), (1, 1, -1e-4), (0, 1, 1e-4)])
+def test_a_covariance_that_is_none_is_refused(entry):
+    i, j, value = entry
+    covariance = np.diag([1e-6, 1e-6, 1e-6])
+    assert Certainty(about_m=[0.0, 0.0], covariance=covariance).tilt_sd_rad == pytest.approx(1e-3)
+    covariance[i, j] = value
+    with pytest.raises(InvalidInput, match="covariance: expected a symmetric matrix without negative eigenvalues"):
+        Certainty(about_m=[0.0, 0.0], covariance=covariance)

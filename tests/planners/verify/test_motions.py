@@ -110,6 +110,22 @@ def test_a_body_that_slides_while_its_feet_stand_slips(moved: Moved) -> None:
     assert 5e-3 < group.value < 0.03
 
 
+def test_feet_that_are_taken_for_points_stand_though_their_balls_would_scrub(moved: Moved) -> None:
+    assert moved.robot is not None
+    kinematics = Kinematics(moved.robot)
+    angles, origin = arrays(moved.table)
+    feet = np.array([origin[0] + kinematics.feet(angles[0]) @ moved.table.rotation[0].T] * len(angles))
+    origin[:, 0] = origin[0, 0] + 0.06 * np.sin(np.linspace(0.0, np.pi, len(angles)))  # the body sways, feet stay
+    near = angles[0]
+    for row, turn in enumerate(moved.table.rotation):
+        near = kinematics.reach((feet[row] - origin[row]) @ turn, near, near, limits=False)[0]
+        angles[row] = near
+    table = replace(moved.table, angles_rad=angles, origin_m=origin, contact=None, forces_n=None)
+    assert judged(table, moved).group("slip").verdict == "holds"
+    slid = origin + [0.0, 0.03, 0.0] * np.linspace(0.0, 1.0, len(angles))[:, None]
+    assert judged(replace(table, origin_m=slid), moved).group("slip").value == pytest.approx(0.03, abs=2e-3)
+
+
 def test_forces_outside_of_their_cones_and_in_the_air_are_found(moved: Moved) -> None:
     forces, contact = np.array(moved.table.forces_n), moved.table.contact
     assert contact is not None
@@ -118,11 +134,40 @@ def test_forces_outside_of_their_cones_and_in_the_air_are_found(moved: Moved) ->
     assert {"cone", "swing_force", "forces"} <= {group.name for group in report.refused}
 
 
+def test_a_foot_in_a_corner_may_press_on_the_floor_though_the_wall_is_nearer(moved: Moved) -> None:
+    assert moved.robot is not None
+    assert isinstance(moved.terrain, Ground)
+    known, sides = moved.table.known(), np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    floor = Patch(vertices_m=3.0 * sides, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.75)
+    foot, radius = known["feet_m"][0, 0], float(Kinematics(moved.robot).radii_m[0])
+    upright = foot + 0.05 * sides[:, [2, 0, 1]] + [radius - 2e-4, 0.0, 0.0]  # a wall just ahead, 0.2 mm in the foot
+    wall = Patch(vertices_m=upright, normal=[-1, 0, 0], shear_reference=[0, 1, 0], friction=0.75)
+    rest = replace(moved.table, **{name: array[:40] for name, array in known.items()})  # before the first step
+    report = check_motion(rest, moved.robot, [floor, wall])
+    assert report.group("penetration").value == pytest.approx(2e-4, abs=5e-5)
+    assert report.group("cone").verdict == report.group("balance").verdict == "holds"
+
+
+def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_that_it_stands(moved: Moved) -> None:
+    angles, origin = arrays(moved.table)
+    still = replace(moved.table, angles_rad=np.tile(angles[0], (len(angles), 1)), contact=None, forces_n=None)
+    for speed, stands in ((0.05, True), (0.3, False)):
+        moving = origin[0] + np.outer(moved.table.time_s - moved.table.time_s[0], [speed, 0.0, 0.0])
+        table = replace(
+            still, origin_m=moving, quaternion=np.tile(moved.table.known()["quaternion"][0], (len(angles), 1))
+        )
+        report = judged(table, moved)
+        assert (report.group("slip").verdict == "violated") == stands
+        assert (report.group("balance").verdict == "violated") != stands
+
+
 def test_other_joints_are_refused_by_name(moved: Moved) -> None:
     with pytest.raises(InvalidInput, match=r"^joints: expected those of .*; the robot has no arm$|it lacks"):
         judged(replace(moved.table, joints=("arm", *moved.table.joints[1:])), moved)
     with pytest.raises(InvalidInput, match="angles of the joints"):
         judged(replace(moved.table, angles_rad=None), moved)
+    with pytest.raises(InvalidInput, match=r"^motion: expected angles of the joints, got none$"):
+        judged(replace(moved.table, joints=(), angles_rad=None, rates_rad_s=None, torques_nm=None), moved)
 
 
 def test_a_ball_over_a_patch_its_edge_and_heights() -> None:
@@ -136,6 +181,25 @@ def test_a_ball_over_a_patch_its_edge_and_heights() -> None:
     level = Ground(heights=stancekit.HeightField.from_array(np.full((41, 41), 0.2), spacing_m=0.1), friction=0.5)
     gap, _, _ = nearest(level, np.array([[0.0, 0.0, 0.3]]), np.array([0.02]))
     assert gap[0] == pytest.approx(0.08)
+
+
+def test_a_ball_beside_a_step_of_heights_is_as_near_as_a_fine_grid_says() -> None:
+    x = np.linspace(-0.5, 0.5, 41)
+    step = stancekit.HeightField.from_array(np.where(x[:, None] > 0.0, 0.1, 0.0) * np.ones(41), spacing_m=0.025)
+    rng, radius = np.random.default_rng(0), 0.0265
+    centres = np.stack([rng.uniform(-0.04, 0.06, 40), rng.uniform(-0.1, 0.1, 40), rng.uniform(0.0, 0.16, 40)], axis=1)
+    gap, normal, _ = nearest(Ground(heights=step, friction=0.5), centres, np.full(40, radius))
+    side = np.arange(-0.06, 0.06, 0.001)
+    for centre, its_gap, its_normal in zip(centres, gap, normal, strict=True):
+        places = centre[:2] + np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+        surface = np.column_stack([places, step.height(places)])
+        far = float(np.linalg.norm(surface - centre, axis=1).min())
+        signed = -far if centre[2] < step.height(centre[None, :2])[0] else far
+        if abs(signed) > 1.2 * radius:  # nobody asks how far away a foot in the air is
+            assert its_gap > 0.0 or signed < 0.0
+            continue
+        assert its_gap == pytest.approx(signed - radius, abs=1e-3)
+        assert np.linalg.norm(its_normal) == pytest.approx(1.0)
 
 
 def test_a_walker_without_legs_is_refused() -> None:
